@@ -1,4 +1,4 @@
-"""The public name of `jbclog.analysis.spc`: control charts, capability and gauge studies."""
+"""Control charts, capability and gauge studies: the public names of `jbclog.analysis.spc`."""
 
 from jbclog.analysis.spc import *  # noqa: F403  # exactly what `__all__` names there
 from jbclog.analysis.spc import __all__ as __all__

@@ -1,6 +1,6 @@
-"""Runs as pandas DataFrames, and the figures drawn from them: joints, metrics, alarms, verdict,
-control charts.
+"""Recorded runs as pandas DataFrames, with joints, metrics, alarms, verdict, control charts and
+figures.
 
-Start with `run.py`; the sub-packages `joints`, `metrics`, `alarms`, `verdict` and `spc` take arrays
+Start with `run.py`. The sub-packages `joints`, `metrics`, `alarms`, `verdict` and `spc` take arrays
 and load no pandas; `figures` draws.
 """

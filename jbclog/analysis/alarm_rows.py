@@ -1,5 +1,5 @@
-"""The input of the alarm detectors from a run's tables: one pass over the samples, and the alarm
-events of each port.
+"""Input of the alarm detectors from a run's tables: the samples in one pass, and the alarm events
+of each port.
 """
 
 from __future__ import annotations
@@ -41,10 +41,9 @@ CLOCK_STEP: Final = "clock.step"
 
 @dataclass(slots=True)
 class RunEvents:
-    """What a run's events and settings say of its alarms: of each port its alarm events and
-    changes; the steps of the clock.
+    """Alarm events and changes of each port, and the clock steps, from a run's events and settings.
 
-    `changes` are oldest first; their times are less the steps before them.
+    `changes` are ordered by time, corrected for the clock steps before them.
     """
 
     alarms: dict[Place, list[EventRow]] = field(default_factory=dict)
@@ -103,7 +102,9 @@ def _text_or_none(text: object) -> str | None:
 
 
 def _initial_settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
-    """Return the watched settings of each port before sampling began; later changes are events."""
+    """Return the watched settings of each port as read before sampling began; later changes are
+    events.
+    """
     found: dict[Place, list[Change]] = {}
     rows = frame[
         frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()
@@ -127,7 +128,7 @@ def _micros(times: pd.Series) -> list[int | None]:
 
 
 class PortRows(NamedTuple):
-    """The rows of one port in a piece of the samples; `flags` only where asked for."""
+    """Rows of one port in a piece of the samples; `flags` only if requested."""
 
     place: Place
     rows: Rows
@@ -135,12 +136,12 @@ class PortRows(NamedTuple):
 
 
 class PortSplitter:
-    """Splits the samples by station and port, piece by piece in their order, and finds the clock
-    steps between the rows.
+    """Splits the samples by station and port, piece by piece in order, and finds the clock steps
+    between the rows.
 
-    `flags_of`: the ports whose flags are needed. `t0_utc`: the run's start in s since 1970.
-    `periods`: seconds between the ticks of each station, None without a grid; they show which steps
-    came before a port's first row.
+    `flags_of`: ports whose flags are needed. `t0_utc`: start of the run, s since 1970. `periods`:
+    seconds between ticks of each station, None without a grid; they show which steps came before a
+    port's first row.
     """
 
     def __init__(
@@ -180,7 +181,7 @@ class PortSplitter:
         )
 
     def _steps_between(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
-        """Return row -> by how many µs the clock was stepped just before it."""
+        """Return row -> size in µs of the clock step just before it."""
         seconds = times.astype(np.float64) / 1e6
         if place not in self._unstepped:
             number = self._steps_before(place[0], float(seconds[0]), tick)
@@ -195,8 +196,8 @@ class PortSplitter:
         return {int(row): int(sizes[row]) for row in np.flatnonzero(np.abs(sizes) > 1000)}
 
     def _steps_before(self, station: str, first_s: float, tick: int) -> int:
-        """Return how many steps came before the first row of a port: the number that brings it
-        closest to its grid.
+        """Return how many steps came before a port's first row: the number that brings it closest
+        to its grid.
         """
         period_s = self._periods.get(station)
         if period_s is None or self._t0_utc is None:

@@ -61,7 +61,7 @@ def _chart(chart: spc.Chart, names: list[str], unit: str, name: str | None = Non
         f"  {name or chart.name}: centre {chart.centre:.4g}, {limits} {unit}{shape};"
         f" {signals_text(chart.signals)}"
     )
-    # a moving range belongs to the later one of its two values
+    # a moving range belongs to the later of its two values
     offset = len(names) - len(chart.points)
     for signal in chart.signals[:MOST]:
         yield f"    {names[signal.last + offset]}: {_why(chart, signal)}"

@@ -1,7 +1,7 @@
 """Control charts of measured values, within a run and over runs.
 
-Within a run a point is a joint, and a metric is any number in the table of joints; over runs a
-point is a run's metric, as in `trend.py`. `count_charts.py` has the charts of counts.
+Within a run a point is a joint, and a metric is any number in the table of joints. Over runs a
+point is a run's metric, as in `trend.py`. Charts of counts are in `count_charts.py`.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ from jbclog.core.text import count_text
 OF_VALUES: Final = ("imr", "ewma", "cusum", "xbar-s")
 NOT_A_METRIC: Final = ("start_s", "end_s", "confidence")
 RECOVERY: Final = "recovery_s"
-# share of joints without recovery above which the others' figures would look too good
+# above this share of joints without recovery, the others' figures would look too good
 MOST_LATE: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """The values of one metric of one port, oldest first. `each`: what a point is, ``joint`` or
-    ``run``. `names`: of the points.
+    """The values of one metric of one port, oldest first.
 
-    `missing`: the number of points without a value. `late`: how many of these are joints that the
-    next one followed before the tip was back, for the recovery. `why`: the reason if the joints of
-    the port are not known.
+    - `each`: kind of point, ``joint`` or ``run``; `names`: of the points
+    - `missing`: number of points without a value
+    - `late`: for the recovery, how many of these are joints that the next one followed before the
+      tip recovered
+    - `why`: the reason if the joints of the port are not known
     """
 
     station: str
@@ -61,8 +62,8 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
-    """The fixed control limits of one port; for a distribution other than normal, percentiles
-    0.135, 50 and 99.865.
+    """Fixed control limits of one port; for a distribution other than normal, percentiles 0.135, 50
+    and 99.865.
     """
 
     station: str
@@ -76,10 +77,10 @@ class Fixed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Charted:
-    """The charts of a series with its own limits, or why it has none; `fixed`: the chart with fixed
-    limits, if there are any.
+    """The charts of a series with limits of its own, or why there are none.
 
-    `names`: of the points of the first chart. `scale`: what is charted, if not the value itself.
+    `fixed`: the chart with fixed limits, if there are any. `names`: of the points of the first
+    chart. `scale`: the charted quantity, if not the value itself.
     """
 
     series: Series
@@ -93,7 +94,7 @@ class Charted:
 
 
 def joint_metrics() -> dict[str, str]:
-    """Return the metrics of a joint and their units."""
+    """Return metric of a joint -> unit."""
     fields = [
         one
         for one in JOINTS_SCHEMA
@@ -105,8 +106,9 @@ def joint_metrics() -> dict[str, str]:
 def series_of_run(
     run: Run, metric: str, station: str | None = None, port: int | None = None
 ) -> list[Series]:
-    """Return the metric of joint after joint for each port. Raises `UsageError` for a metric that
-    joints do not have.
+    """Return the metric of each joint in order, for each port.
+
+    Raises `UsageError` for a metric that joints do not have.
     """
     units = joint_metrics()
     if metric not in units:
@@ -174,8 +176,9 @@ def _not_known(
 def series_of_runs(
     runs: Runs, metric: str, station: str | None = None, port: int | None = None
 ) -> list[Series]:
-    """Return the metric of run after run for each port. Raises `UsageError` for a metric that runs
-    do not have.
+    """Return the metric of each run in order, for each port.
+
+    Raises `UsageError` for a metric that runs do not have.
     """
     unit = metric_unit(metric)
     return [
@@ -195,7 +198,7 @@ def series_of_runs(
 
 
 def joined(series: Iterable[Series]) -> list[Series]:
-    """Return one series for each station and port: those of one port, one after another."""
+    """Concatenate the series of each station and port."""
     by_port: dict[tuple[str, int], Series] = {}
     for one in series:
         before = by_port.get(one.place)
@@ -224,10 +227,9 @@ def charted(
     lower: float | None = None,
     upper: float | None = None,
 ) -> Charted:
-    """Return the charts of a series. Capability is that against `lower` and `upper`, if any is
-    given.
+    """Return the charts of a series, and its capability if `lower` or `upper` is given.
 
-    `kind` is one of `OF_VALUES`; `size`: values in a subgroup of an xbar-s chart; `tests`: numbers
+    `kind` is one of `OF_VALUES`; `size`: values per subgroup of an xbar-s chart; `tests`: numbers
     of the Nelson tests.
     """
     refused = _joints_unknown(series) or too_many_late(series.late, len(series.values))
@@ -250,7 +252,7 @@ def _joints_unknown(series: Series) -> spc.Refused | None:
 
 
 def too_many_late(late: int, back: int) -> spc.Refused | None:
-    """Return why known recoveries do not represent all joints, if more than `MOST_LATE` of them are
+    """Refuse recoveries that do not represent all joints because more than `MOST_LATE` of them are
     late; else None.
     """
     if late <= MOST_LATE * (late + back):
@@ -296,10 +298,10 @@ def _charted(
 def _with_memory(
     series: Series, kind: str, fixed: Fixed | None
 ) -> tuple[tuple[spc.Chart, ...], str | None]:
-    """Return an EWMA chart or CUSUM charts, and what they chart if not the value itself.
+    """Return an EWMA chart or CUSUM charts, and the charted quantity if it is not the value itself.
 
-    They are about the fixed centre, if there is one. Without it values that follow another
-    distribution than the normal one are charted by their normal scores.
+    They use the fixed centre, if there is one. Otherwise values that are not normal are charted by
+    their normal scores.
     """
     points = series.values
     centre: float | None = None

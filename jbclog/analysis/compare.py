@@ -2,9 +2,9 @@
 temperatures are equivalent.
 
 Stations are matched by name, ports by number. Metrics are those of `Run.metrics`; a difference is
-the second minus the first, and is not known if one of them is not. Idle means are compared by two
-one-sided tests (`spc.equivalence_of`), with the bounds of each (`verdict/bounds.py`), within a
-stated margin; a mean without a bound is not compared.
+the second minus the first, unknown if one of them is. Idle means are compared by two one-sided
+tests (`spc.equivalence_of`), with the bounds of each (`verdict/bounds.py`), within a stated margin;
+a mean without a bound is not compared.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class SameIdle:
-    """Whether the idle means of one port are equivalent, or why that is not known."""
+    """Whether the idle means of a port are equivalent, or why this is not known."""
 
     station: str
     port: int
@@ -56,8 +56,8 @@ class SameIdle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """What differs between two runs. The tables have columns `first` and `second`; `recipe` has the
-    lines of a unified diff.
+    """The differences between two runs. The tables have columns `first` and `second`; `recipe` has
+    the lines of a unified diff.
     """
 
     first: Run
@@ -73,8 +73,8 @@ class Comparison:
 
 
 def compare(first: Run, second: Run, margin_c: float = MARGIN_C) -> Comparison:
-    """Return the comparison of two sealed runs; `margin_c` in °C is the largest difference of idle
-    means that is equivalent.
+    """Compare two sealed runs; `margin_c` in °C is the largest difference of idle means that counts
+    as equivalent.
 
     Raises `RecordError` for a run that is not sealed, `UsageError` for a margin that is not above
     0.
@@ -189,7 +189,7 @@ def _recipe_texts(run: Run) -> dict[str, str]:
 
 
 def _settings(first: Run, second: Run) -> pd.DataFrame:
-    """Return the settings whose last reading differs, and those that only one run read."""
+    """Return the settings whose last reading differs or that only one run read."""
     table = _side_by_side(_last_settings(first), _last_settings(second), [*KEY, "setting", "unit"])
     differs = table["first"].fillna("") != table["second"].fillna("")
     return table[differs].reset_index(drop=True)
@@ -203,7 +203,7 @@ def _last_settings(run: Run) -> pd.DataFrame:
 
 
 def _metrics(first: Run, second: Run) -> pd.DataFrame:
-    """Return every metric of every port, and the difference where both values are known."""
+    """Return each metric of each port, with the difference where both values are known."""
     one, two = (run.metrics()[[*KEY, "metric", "unit", "value"]] for run in (first, second))
     order = {
         name: place for place, name in enumerate(dict.fromkeys([*one["metric"], *two["metric"]]))
@@ -223,13 +223,12 @@ def _metrics(first: Run, second: Run) -> pd.DataFrame:
 
 
 def _alarms(first: Run, second: Run) -> pd.DataFrame:
-    """Return the number of episodes of each detector, by port and side."""
     table = _side_by_side(_counted(first), _counted(second), [*KEY, "side", "detector"])
     return table.fillna({"first": 0, "second": 0})
 
 
 def _counted(run: Run) -> pd.DataFrame:
-    """Return the episodes by port, side and detector, with typed columns also if there are none."""
+    """Return the number of episodes by port, side and detector; typed columns even if empty."""
     episodes = [one for incident in run.alarm_findings().incidents for one in incident.episodes]
     counts = Counter((one.station, one.port, str(one.side), str(one.detector)) for one in episodes)
     rows = [(*key, count) for key, count in counts.items()]
@@ -258,7 +257,7 @@ def _idle(first: Run, second: Run, margin_c: float) -> Iterator[SameIdle]:
 def _same_idle(
     first: IdleError, second: IdleError, margin_c: float
 ) -> spc.Equivalence | spc.Refused:
-    """Return the test of two idle errors by their bounds, or why one of them has none."""
+    """Test two idle errors by their bounds, or return why one of them has none."""
     means = []
     for idle, which in ((first, "first"), (second, "second")):
         found = idle.latest_bounds()

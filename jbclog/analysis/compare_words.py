@@ -1,4 +1,4 @@
-"""Two runs side by side as text: lines for a terminal, values for JSON."""
+"""The comparison of two runs as text: lines for a terminal, values for JSON."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jbclog.analysis.spc import Refused
 
 
 def lines(found: Comparison) -> Iterator[str]:
-    """Yield everything that differs, and all metrics."""
+    """Yield all differences, and all metrics."""
     yield f"first   {found.first.place}"
     yield f"second  {found.second.place}"
     yield from (f"warning: {text}" for text in found.warnings)

@@ -1,7 +1,7 @@
 """Fixed control limits from a phase I study, in a file that charts cite by its hash.
 
-The file is JSON: the charted metric; centre and limits of each port, with their distribution and
-number of values; and the hashes of the runs that they come from. The same runs give the same bytes.
+The JSON file has the charted metric; centre and limits of each port, with their distribution and
+number of values; and the hashes of the source runs. The same runs give the same bytes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FORMAT: Final = "jbclog control limits 1"
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A run that the limits come from: its name, and the SHA-256 of its manifest."""
+    """A source run of the limits: its name, and the SHA-256 of its manifest."""
 
     run: str
     manifest_sha256: str
@@ -32,7 +32,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The content of a file. `each`: what a point is, ``joint`` or ``run``."""
+    """Content of a file. `each`: kind of point, ``joint`` or ``run``."""
 
     format: str
     metric: str
@@ -55,7 +55,7 @@ _build_limits: Final = builder(Limits)
 
 
 def learn(series: Series) -> Fixed | spc.Refused:
-    """Return the limits of a series if it is stable and a distribution fits, else why not."""
+    """Return the limits of a series, or why it is not stable or no distribution fits."""
     chart = too_many_late(series.late, len(series.values)) or spc.phase_one(
         series.values, resolution=series.resolution
     )
@@ -82,8 +82,9 @@ def limits_of(
 
 
 def read_limits(path: Path) -> tuple[Limits, str]:
-    """Return the limits and the SHA-256 of their file. Raises `RecordError` if it cannot be read or
-    has another format.
+    """Return the limits and the SHA-256 of their file.
+
+    Raises `RecordError` if it cannot be read or has another format.
     """
     try:
         data = read_foreign(path, Kind.SETTINGS)

@@ -1,9 +1,9 @@
 """Charts of counts, in a run and over runs: control charts of alarms and of rejects, and Pareto
 charts of alarms and of losses.
 
-Alarms are counted in equal stretches of a run, or per run, over the hours recorded (u chart);
-rejects are the share of the judged runs of a day (p chart); a Pareto chart ranks alarms by limit,
-and losses by reason.
+Alarms are counted per interval of a run, or per run, over the hours recorded (u chart); rejects are
+the share of the judged runs of a day (p chart); a Pareto chart ranks alarms by limit, and losses by
+reason.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from jbclog.analysis.spc.refusal import there_are
 from jbclog.core.errors import UsageError
 
 COUNTED: Final = {"alarms": ("u", "pareto"), "rejects": ("p",), "losses": ("pareto",)}
-"""Counted, not measured, metrics and their charts; the first is the default."""
+"""Counted metrics and their charts; the first is the default."""
 LEAST_COUNTED: Final = 10
 # the station answered that it counts nothing now: no loss
 NO_LOSS: Final = frozenset({"due", "ok", "not_counting"})
@@ -33,7 +33,7 @@ NO_LOSS: Final = frozenset({"due", "ok", "not_counting"})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Counted:
-    """A u or a p chart, or why there is none; `sizes` are hours or runs."""
+    """A u or p chart, or why there is none; `sizes` are hours or runs."""
 
     metric: str
     kind: str
@@ -45,7 +45,7 @@ class Counted:
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
-    """A Pareto chart; its rows are name, count, per cent of all, and running total in per cent."""
+    """A Pareto chart: rows of name, count, per cent of all, and cumulative per cent."""
 
     metric: str
     total: int
@@ -53,13 +53,14 @@ class Ranked:
 
 
 def alarms_in_run(run: Run, every_s: float) -> Counted:
-    """Return the u chart of alarms by our samples in equal stretches of `every_s` of a run. Raises
-    `UsageError`.
+    """Return the u chart of alarms by our samples in intervals of `every_s` of a run.
+
+    Raises `UsageError`.
     """
     if not (np.isfinite(every_s) and every_s > 0):
         raise UsageError(f"a stretch must be longer than 0 s (got {every_s:g})")
     begin, end = _span(run) or (0.0, 0.0)
-    # the last stretch may be shorter; its limits follow its length
+    # the last interval may be shorter; its limits follow its length
     edges = np.append(np.arange(begin, end, every_s), end)
     raised = np.clip([one.onset_us / 1e6 for one in _episodes(run)], begin, end)
     counts = np.histogram(raised, edges)[0].astype(np.float64) if len(edges) > 1 else np.zeros(0)
@@ -140,7 +141,7 @@ def loss_counts(run: Run) -> Counter[str]:
 
 
 def ranked(metric: str, counted: Mapping[str, int]) -> Ranked:
-    """Return a Pareto chart: the most frequent first, equal ones by name."""
+    """Return a Pareto chart, most frequent first, ties by name."""
     total, so_far, rows = sum(counted.values()), 0, []
     for name, count in sorted(counted.items(), key=lambda one: (-one[1], one[0])):
         so_far += count
@@ -163,7 +164,6 @@ def _too_few(count: int, what: str) -> spc.Refused | None:
 
 
 def _episodes(run: Run) -> list[Episode]:
-    """Return the alarms by our samples, with delay and deadband."""
     found = run.alarm_findings().incidents
     return [each for one in found for each in one.episodes if each.detector is Detector.SAMPLES]
 

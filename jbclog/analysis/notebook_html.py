@@ -1,4 +1,4 @@
-"""Small HTML tables that show runs in a notebook; text from outside is escaped."""
+"""Small HTML tables that show runs in a notebook; foreign text is escaped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jbclog.record.find_runs import Copy, Found, Unreadable, ending
 from jbclog.record.manifest import Manifest
 
 MOST_RUNS: Final = 20
-MOST_CHARACTERS: Final = 80  # of a cell
+MOST_CHARACTERS: Final = 80  # characters of a cell
 HEADS: Final = (
     "started",
     "line",
@@ -56,7 +56,7 @@ def run_html(name: str, manifest: Manifest) -> str:
 def runs_html(
     folder: Path, found: Sequence[Found], copies: Sequence[Copy], unreadable: Sequence[Unreadable]
 ) -> str:
-    """Return a row for each of the first `MOST_RUNS` runs, and the number of all."""
+    """Return a row for each of the first `MOST_RUNS` runs, and the total number."""
     rows = [_row(one) for one in found[:MOST_RUNS]]
     more = f"<p>and {len(found) - MOST_RUNS} more</p>" if len(found) > MOST_RUNS else ""
     if copies:
@@ -74,7 +74,9 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def text(value: object) -> str:
-    """Return a value as escaped text, cut to `MOST_CHARACTERS`, `�` for what is not printable."""
+    """Return a value as escaped text, cut to `MOST_CHARACTERS`, with `�` for unprintable
+    characters.
+    """
     raw = "" if value is None else str(value)
     printable = "".join(sign if sign.isprintable() else "�" for sign in raw[: MOST_CHARACTERS + 1])
     return escape(

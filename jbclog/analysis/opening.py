@@ -1,4 +1,4 @@
-"""Opens runs wherever they are: in folders, or in a store that `jbclog publish` filled."""
+"""Opens runs in folders and in stores (`jbclog publish`)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from jbclog.core.errors import RecordError
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
-    """Return the run in the folder `path`: sealed, still being recorded, or cut off by a crash.
-    Raises `RecordError`.
+    """Open a run: sealed, still being recorded, or cut off by a crash.
 
-    ``STORE/RUN`` is a run of a store (`jbclog publish`), read at its newest version.
+    `path` is the run's folder, or ``STORE/RUN`` for a run of a store (`jbclog publish`), which is
+    read at the store's newest version. Raises `RecordError` if the run cannot be read.
     """
     given = Path(path)
     if not is_in_store(given):
@@ -38,13 +38,16 @@ def open_runs(
     tags: Mapping[str, str] | None = None,
     **texts: str | None,
 ) -> Runs:
-    """Return the runs below `folder`, or in the store `folder` (also ``s3://BUCKET/PATH``), that
-    match all conditions.
+    """Find the runs below `folder`, or in a store (also ``s3://BUCKET/PATH``), that match all
+    conditions.
 
-    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
-    `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; each matches as a
-    whole, ``*`` stands for any characters. A run starts at `since` or later and before `until`, UTC
-    without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
+    - `since`, `until`: start of the run, UTC if without a zone; `since` is included, `until` is not
+    - `tags`: names and values that the run must have
+    - `texts`: `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
+      `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; the whole text must
+      match, ``*`` stands for any characters
+
+    Raises `UsageError` for an unknown condition, `RecordError` if `folder` does not exist.
     """
     if is_store(folder):
         from jbclog.analysis.store.runs import StoredRuns

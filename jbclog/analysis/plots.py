@@ -24,10 +24,10 @@ from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
-HIGH_IN: Final = 2.3  # of a panel
+HIGH_IN: Final = 2.3  # height of a panel
 PARETO_IN: Final = 3.2
 DPI: Final = 130
-COLOURS: Final = (TEMPERATURE, ALARM)  # of the first and the second run
+COLOURS: Final = (TEMPERATURE, ALARM)  # first and second run
 COLUMNS: Final = ["time", "tick", "temperature_c"]
 MOST_NAMES: Final = 12
 MOST_BARS: Final = 12
@@ -50,8 +50,8 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
 
 
 def overlay(found: Comparison) -> Figure:
-    """Return a figure with a panel for each common port: mean and min–max of both runs, over
-    seconds since the first tick.
+    """Draw both runs, a panel for each common port: mean and min–max over seconds since the first
+    tick.
 
     Raises `UsageError` if the runs have no port with a temperature in common.
     """
@@ -78,7 +78,7 @@ def _line(axes: Axes, run: Run, station: str, port: int, colour: str) -> None:
         return
     seconds = _seconds(run, station, rows)
     celsius = rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan)
-    step = nominal_period(seconds) or 1.0  # of a single row
+    step = nominal_period(seconds) or 1.0  # 1 s for a single row
     curve = envelope(
         seconds, np.asarray(celsius, dtype=np.float64), WIDE.stretches, JOINED_PERIODS * step
     )
@@ -90,7 +90,9 @@ def _line(axes: Axes, run: Run, station: str, port: int, colour: str) -> None:
 
 
 def _seconds(run: Run, station: str, rows: pd.DataFrame) -> Floats:
-    """Return times on the run's grid; with ``--rate max``, which has none, since the first row."""
+    """Return times on the run's grid, in s; with ``--rate max``, which has none, since the first
+    row.
+    """
     facts = run.manifest.station(station)
     if facts is not None and facts.period_s:
         return np.asarray(rows["tick"] * facts.period_s, dtype=np.float64)
@@ -100,8 +102,7 @@ def _seconds(run: Run, station: str, rows: pd.DataFrame) -> Floats:
 def trend_figure(
     trends: Sequence[Trend], lower: float | None = None, upper: float | None = None
 ) -> Figure:
-    """Return a figure with a panel for each trend: points, control limits, stated limits, signals
-    ringed.
+    """Draw a panel for each trend: points, control limits, stated limits, signals ringed.
 
     Raises `UsageError` without trends.
     """
@@ -169,7 +170,7 @@ def _names(axes: Axes, trend: Trend) -> None:
 
 
 def _points(axes: Axes, at: Floats, values: Floats, chart: spc.Chart | None) -> None:
-    """Draw values in their order; with a chart its centre, limits and ringed signals."""
+    """Draw values in order; with a chart also its centre, limits and ringed signals."""
     axes.margins(x=0.01, y=0.08)
     axes.plot(at, values, color=TEMPERATURE, marker="o", markersize=2.5, linewidth=0.7)
     if chart is None:
@@ -186,7 +187,7 @@ def _signals(chart: spc.Chart) -> list[int]:
 
 
 def chart_figure(found: Sequence[Charted | Counted | Ranked]) -> Figure:
-    """Return a figure of all charts, one below the other. Raises `UsageError` without charts."""
+    """Draw all charts, one below the other. Raises `UsageError` without charts."""
     if not found:
         raise UsageError("there are no values of this metric; nothing to show")
     with styled():
@@ -240,7 +241,7 @@ def _values(panels: np.ndarray, one: Charted) -> None:
 
 
 def _probability(axes: Axes, one: Charted) -> None:
-    """Draw ordered values against normal scores, and the line of the distribution that fits."""
+    """Draw ordered values against normal scores, and the line of the fitted distribution."""
     if len(one.series.values) < 2:
         axes.set_axis_off()
         return
@@ -254,7 +255,7 @@ def _probability(axes: Axes, one: Charted) -> None:
 
 
 def _bars(axes: Axes, one: Ranked) -> None:
-    """Draw counts as bars, the most frequent first, and their running share as a line."""
+    """Draw counts as bars, the most frequent first, and their cumulative share as a line."""
     rows = one.rows[:MOST_BARS]
     axes.bar(range(len(rows)), [count for _, count, _, _ in rows], color=TEMPERATURE)
     axes.set_xticks(range(len(rows)), [name for name, *_ in rows], rotation=30, ha="right")

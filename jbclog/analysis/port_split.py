@@ -1,7 +1,7 @@
-"""Rows of many ports, split by station and port.
+"""Splits rows of many ports by station and port.
 
-A row group of a run of 32 ports has a thousand rows of each, for which every step of numpy or Arrow
-takes longer to begin than to do. So several row groups are split together.
+A row group of a run of 32 ports has a thousand rows of each; for so few, the overhead of each numpy
+or Arrow call dominates. So several row groups are split together.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ SMALL: Final = 256  # numbers of ports, and of stations in a piece, that fit int
 
 
 def gathered(pieces: Iterable[pa.Table], ports: int) -> Iterator[pa.Table]:
-    """Yield the rows of these pieces in their order, of several together while so many ports have
-    few rows each.
+    """Yield the rows of these pieces in order, several pieces at once if so many ports have few
+    rows each.
     """
     if ports < 2:
         yield from pieces
         return
     least, held, rows = min(ports * ROWS_OF_A_PORT, MOST_ROWS), list[pa.Table](), 0
     for piece in pieces:
-        if held and held[0].schema != piece.schema:  # texts of a live store are no dictionaries
+        if held and held[0].schema != piece.schema:  # texts of a live store are not dictionaries
             yield _together(held)
             held, rows = [], 0
         held.append(piece)
@@ -51,9 +51,7 @@ def _together(pieces: list[pa.Table]) -> pa.Table:
 
 
 def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
-    """Yield the rows of each port of each station in their order; without a copy where there is
-    only one.
-    """
+    """Yield the rows of each port in order; without a copy if there is only one."""
     found, places = sorted_by_port(rows)
     for key, place in places:
         yield key, found.slice(place.start, place.stop - place.start)
@@ -62,9 +60,7 @@ def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
 def sorted_by_port(
     rows: pa.Table, wanted: Container[Key] | None = None
 ) -> tuple[pa.Table, list[tuple[Key, slice]]]:
-    """Return the rows one port after the other, or of those that are `wanted`, and where the rows
-    of each are.
-    """
+    """Return the rows, or those of `wanted` ports, sorted by port, and the slice of each port."""
     if not rows.num_rows:
         return rows, []
     names, ports = coded(rows["station"]), rows["port"].to_numpy()
@@ -97,9 +93,9 @@ def sorted_by_port(
 
 
 def _order(stations: NDArray[np.integer], ports: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the places of the rows by station and port; rows of a port stay in their order."""
+    """Return the order of the rows by station and port, stable within a port."""
     if ports.min() >= 0 and ports.max() < SMALL and stations.max() < SMALL:
-        # numpy sorts numbers of 16 bits by their digits
+        # numpy uses radix sort for 16-bit integers
         keys = (stations.astype(np.uint16) << 8) | ports.astype(np.uint16)
         return np.argsort(keys, kind="stable")
     return np.lexsort((ports, stations))

@@ -1,7 +1,7 @@
 """Judges a sealed run again from its record, and compares the result with its sealed verdict.
 
-The comparison uses the version of the rules that gave the verdict (`rule_versions.py`). Rules
-that this jbclog cannot apply as that version did are listed and never count against the verdict.
+The comparison uses the version of the rules that gave the verdict (`rule_versions.py`). Rules that
+this jbclog cannot apply as that version did are listed and never count against the verdict.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ Place = tuple[str, str | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class VerdictCheck:
-    """The comparison of a sealed verdict with its record: a sentence for each difference, and for
-    what could not be compared.
+    """Comparison of a sealed verdict with its record: a sentence for each difference, and for each
+    rule that could not be compared.
     """
 
     differing: list[str] = field(default_factory=list)
@@ -58,7 +58,7 @@ def judge_again(
     counts_lacking: bool = True,
     measuring: Measuring = measure,
 ) -> Judgement:
-    """Judge a sealed run by the copies of its recipes and version `by` of the rules, by default its
+    """Judge a sealed run by the copies of its recipes and by version `by` of the rules; None: its
     own.
 
     An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`, `measuring` as in
@@ -93,7 +93,7 @@ def judge_again(
 
 
 def _without(unread: Sequence[StationFacts], judgement: Judgement) -> Judgement:
-    """Return the judgement with what it lacks: the recipes of these stations."""
+    """Return the judgement with the recipes of these stations as missing evidence."""
     text = "The copy of its recipe cannot be read, so its limits are not known."
     rules = [
         Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text)
@@ -104,12 +104,14 @@ def _without(unread: Sequence[StationFacts], judgement: Judgement) -> Judgement:
 
 
 def own_version(manifest: Manifest) -> int:
-    """Return the version of the rules that judged the run; the latest if this jbclog lacks it."""
+    """Return the version of the rules that judged the run, or the latest if that is not known
+    here.
+    """
     return manifest.rules if is_known(manifest.rules) else RULES
 
 
 def is_cut_off(manifest: Manifest) -> bool:
-    """Whether a crash ended the recorder and `recover` wrote the record's end."""
+    """Whether the recorder crashed and `recover` wrote the record's end."""
     return manifest.exit_status == "lost"
 
 
@@ -133,7 +135,7 @@ def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
     by = "" if version == __version__ else f"; it was judged by jbclog {version}"
     notes = [
         f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here"
-        for name in _left(manifest)
+        for name in _not_kept_rules(manifest)
     ]
     return VerdictCheck(
         [
@@ -144,8 +146,10 @@ def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
     )
 
 
-def _left(manifest: Manifest) -> list[str]:
-    """Return the rules of the sealed verdict that this jbclog cannot apply as they were then."""
+def _not_kept_rules(manifest: Manifest) -> list[str]:
+    """Return the rules of the sealed verdict that this jbclog cannot apply in their form of
+    then.
+    """
     return sorted(
         {name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules)
     )
@@ -162,7 +166,7 @@ def _differing(
         for place in {**before, **now}
         if place[0] not in gone
     ]
-    if not _left(manifest):
+    if not _not_kept_rules(manifest):
         found.insert(0, ("", manifest.verdict, judgement.verdict))
     return [one for one in found if one[1] != one[2]]
 
@@ -183,8 +187,8 @@ def _recipes(
     folder: Path, manifest: Manifest
 ) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
     """Return each station's recipe, and the stations whose recipe cannot be read."""
-    # a report of a run that these rules judged needs none, and to load the models takes a tenth of
-    # what a short run's report loads
+    # a run judged by these rules needs none for its report, and importing the models takes a tenth
+    # of the time of a short run's report
     from jbclog.config.load_recipe import load_recipe
 
     recipes: dict[str, Recipe | None] = {}
@@ -202,7 +206,7 @@ def _recipes(
 
 
 def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool:
-    """Whether the recipe's copy is unchanged, so that this jbclog is what refuses it."""
+    """Whether the copy of the recipe is unchanged, so that it is this jbclog that refuses it."""
     try:
         path = recipe_copy(folder, facts.recipe or "")
         found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
@@ -215,7 +219,6 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
 
 
 def _results(rules: Sequence[object]) -> dict[Place, str]:
-    """Return the result of each rule."""
     found = [rule for rule in rules if isinstance(rule, dict)]
     return {
         (str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in found

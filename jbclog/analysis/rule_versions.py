@@ -1,10 +1,10 @@
-"""The versions of rules and methods. A manifest names the version that judged its run; without one
-it is 1.
+"""Versions of rules and methods. A manifest names the version that judged its run; without one it
+is 1.
 
-A sealed verdict is compared by its own version. If a later version changed a rule, its earlier form
-is either kept here or gone; runs of earlier versions are then no longer judged by that rule, which
+A sealed verdict is compared by its own version. If a later version changed a rule, the earlier form
+is either kept here or gone; a rule that is gone is not applied to runs of earlier versions, which
 never counts against their verdict. To change a rule or a method, add a row with its name, and
-whether its earlier form is kept.
+whether the earlier form is kept.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """A version. `changed`: the rules that are new in it, or give other figures than before.
+    """A version. `changed`: rules that are new in it, or give other figures than before.
 
     `keeps_earlier`: the earlier forms of these rules are kept, except those in `gone`. `means`:
     what changed, as a sentence.
@@ -29,9 +29,7 @@ class Version:
 
 
 BOUNDS_HOLD: Final = 3
-"""The first version with bounds corrected for autocorrelation, and in which a limit needs a
-bound.
-"""
+"""First version with bounds corrected for autocorrelation; a limit needs a bound since then."""
 
 OF_JOINTS: Final = ("recovery_p95", "recovered_before_next", "joints_against_counter")
 
@@ -82,7 +80,7 @@ def is_known(number: int) -> bool:
 
 
 def not_kept(number: int) -> frozenset[str]:
-    """Return the rules of version `number` whose form of that time is gone."""
+    """Return the rules of version `number` whose form of then is gone."""
     later = [
         one.gone if one.keeps_earlier else one.changed for one in VERSIONS if one.number > number
     ]

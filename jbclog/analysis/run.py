@@ -1,8 +1,8 @@
-"""Opens a run. `Run` has its manifest and tables (`RunTables`), and what is computed from them:
-alarms, joints, metrics, figures.
+"""`Run`: manifest and tables of a run (`RunTables`), and the alarms, joints, metrics and figures
+computed from them.
 
-Methods import what they compute with when they are called, so that opening a run loads neither
-matplotlib nor the joint search.
+Methods import what they need when they are called, so that opening a run loads neither matplotlib
+nor the joint search.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 
 class Run(RunTables):
-    """The run in `folder`: sealed, still being recorded, or cut off by a crash. Each call reads the
-    tables anew.
+    """A run in a folder: sealed, still being recorded, or cut off by a crash.
+
+    Nothing but the manifest is cached: each call reads the tables again.
     """
 
     def _repr_html_(self) -> str:
@@ -38,21 +39,25 @@ class Run(RunTables):
         )
 
     def alarms(self) -> pd.DataFrame:
-        """Return a row for each alarm episode that a detector found; rows with the same `incident`
-        belong together.
+        """Return a row for each alarm episode; rows with the same `incident` belong together.
 
-        `detector`: A the station's flags, B our samples with delays and deadband, C every excursion
-        of our samples. The episode began after `onset_earliest` and no later than `onset`; it ended
-        after `end_earliest` and no later than `end`. `raised`: when it became known. `state`:
-        active, cleared, or uncertain (not read for too long). `seconds`: from `onset` to `end`.
-        `confirmed`: a temperature supports the flag. `uncertain`: not read for too long in between.
-        `finding`: how the detectors disagree. `acknowledged_by`, `_at`, `_why`: from
-        `jbclog alarms ack`. Raises `RecordError`.
+        - `detector`: A the station's flags, B our samples with delays and deadband, C every
+          excursion of our samples
+        - `onset_earliest`, `onset`: the episode began after the first and no later than the second
+        - `end_earliest`, `end`: it ended after the first and no later than the second
+        - `raised`: when it became known; `seconds`: from `onset` to `end`
+        - `state`: active, cleared, or uncertain (not read for too long)
+        - `confirmed`: a temperature supports the flag
+        - `uncertain`: not read for too long in between
+        - `finding`: how the detectors disagree
+        - `acknowledged_by`, `acknowledged_at`, `acknowledged_why`: from `jbclog alarms ack`
+
+        Raises `RecordError` for a record that cannot be read.
         """
         return self.alarm_findings().frame()
 
     def alarm_findings(self) -> Alarms:
-        """Return the same as objects: incidents with their episodes, figures of floods and chatter,
+        """Return the alarms as objects: incidents with their episodes, flood and chatter figures,
         findings.
         """
         from jbclog.analysis.run_alarms import alarms_of
@@ -63,9 +68,9 @@ class Run(RunTables):
         """Return a row for each joint: start, end, dwell, depth, recovery, heat, energy,
         confidence.
 
-        Reads `joints.parquet` if `jbclog report` wrote it for this manifest, and searches the
-        samples otherwise. The definition of a joint is in `jbclog/analysis/joints/joints.py`; no
-        column says that a joint is good. Raises `UsageError` for an unknown station, `RecordError`.
+        docs/explanation/joints.md defines a joint; no column rates its quality. Reads
+        `joints.parquet` if `jbclog report` wrote it for this manifest, else searches the samples.
+        Raises `UsageError` for an unknown station, `RecordError` for a record that cannot be read.
         """
         from jbclog.analysis.run_metrics import joints_frame, joints_of
 
@@ -73,10 +78,11 @@ class Run(RunTables):
         return joints_frame(joints_of(self, station))
 
     def each_joint(self, station: str | None = None, port: int | None = None) -> list[RunJoint]:
-        """Return the same joints as objects: the columns as fields, the unit, and the slice of the
-        samples by `samples()`.
+        """Return the joints as objects: the columns as fields, the unit, and `samples()`, its slice
+        of the samples.
 
-        Raises `UsageError` for an unknown station or port, `RecordError`.
+        Raises `UsageError` for an unknown station or port, `RecordError` for a record that cannot
+        be read.
         """
         from jbclog.analysis.run_joints import each_joint
 
@@ -84,12 +90,13 @@ class Run(RunTables):
         return each_joint(self, station, port)
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
-        """Return a row for each metric of each port:
-        `metric, value, unit, n, coverage, resolution, why`.
+        """Return a row for each metric of each port: `metric`, `value`, `unit`, `n`, `coverage`,
+        `resolution`, `why`.
 
-        A metric without a value has the reason in `why`; `metric_definitions` has the meanings.
-        Reads `report.json` if this version of jbclog wrote it for this manifest, and computes the
-        metrics otherwise. Raises `UsageError` for an unknown station, `RecordError`.
+        Without a `value`, `why` has the reason; `metric_definitions` defines the metrics. Reads
+        `report.json` if this version of jbclog wrote it for this manifest, else computes the
+        metrics. Raises `UsageError` for an unknown station, `RecordError` for a record that cannot
+        be read.
         """
         from jbclog.analysis.run_metrics import metrics_of
 
@@ -98,7 +105,7 @@ class Run(RunTables):
 
     @staticmethod
     def metric_definitions() -> pd.DataFrame:
-        """Return the definition of each metric: `metric, unit, definition, applies_to`."""
+        """Return the definition of each metric: `metric`, `unit`, `definition`, `applies_to`."""
         from jbclog.analysis.run_metrics import definitions
 
         return definitions()
@@ -107,8 +114,8 @@ class Run(RunTables):
         """Draw each port as in the report: temperature with setpoint and alarm limits, power,
         status, joints, missing data, alarms.
 
-        Each panel has one linear scale over its whole range; the x axis has days (UTC). Raises
-        `UsageError` for an unknown station or port, and if there are no samples to show.
+        Each panel has one linear scale over its whole range; the x axis is in days (UTC). Raises
+        `UsageError` for an unknown station or port, or without samples.
         """
         from jbclog.analysis.run_plot import plot
 
@@ -117,8 +124,9 @@ class Run(RunTables):
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
-    """Return the run in the folder `path`: sealed, still being recorded, or cut off by a crash.
-    Raises `RecordError`.
+    """Open the run in a folder: sealed, still being recorded, or cut off by a crash.
+
+    Raises `RecordError` if it cannot be read.
     """
     folder = Path(path)
     run = Run(folder)

@@ -39,7 +39,7 @@ from jbclog.record.manifest import iso as manifest_iso
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
 ACKNOWLEDGED: Final = "alarm.acknowledged"
-"""The kind of the annotation that acknowledges an episode; its `what` is the episode's name."""
+"""Kind of the annotation that acknowledges an episode; its `what` is the episode's name."""
 
 TABLE: Final = {
     "episode": "str",
@@ -66,10 +66,10 @@ TABLE: Final = {
     "acknowledged_at": "time",
     "acknowledged_why": "str",
 }
-"""The columns of `Run.alarms()`, which describes them, and their types."""
+"""Columns of `Run.alarms()`, which describes them, and their types."""
 
 ARROW_TYPES: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
-"""The Arrow type of each type of a computed table's columns."""
+"""Type of a column in `TABLE` -> Arrow type."""
 _UNITS: Final = {"seconds": "s", "peak_c": "°C", "limit_c": "°C", "delay_s": "s"}
 ALARMS_SCHEMA: Final = pa.schema(
     [
@@ -79,7 +79,7 @@ ALARMS_SCHEMA: Final = pa.schema(
         for name, kind in TABLE.items()
     ]
 )
-"""The same columns as Arrow fields, with units."""
+"""The columns of `TABLE` as Arrow fields, with units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +95,9 @@ class Acknowledgement:
 class Alarms:
     """The alarms of a run.
 
-    `figures`: of each station by each detector. `live`: a sentence for each difference between the
-    recorder's events and the record. `acknowledged`: name of an episode -> acknowledgement, which
-    applies to its whole incident.
+    `figures`: KPIs of each station by each detector. `live`: a sentence for each difference between
+    the recorder's events and the record. `acknowledged`: name of an episode -> acknowledgement of
+    its whole incident.
     """
 
     incidents: list[Incident]
@@ -106,14 +106,16 @@ class Alarms:
     acknowledged: Mapping[str, Acknowledgement]
 
     def acknowledgement(self, incident: Incident) -> Acknowledgement | None:
-        """Return the first acknowledgement of any of its episodes, or None."""
+        """Return the first acknowledgement of any episode of an incident, or None."""
         given = (self.acknowledged.get(episode.id) for episode in incident.episodes)
         return min(
             (one for one in given if one is not None), key=lambda one: one.time, default=None
         )
 
     def is_waiting(self, incident: Incident) -> bool:
-        """Whether it is an alarm, by the station or by our samples, and not acknowledged."""
+        """Whether an incident is an alarm, by the station or by our samples, and not
+        acknowledged.
+        """
         is_alarm = any(one.detector is not Detector.AFTERWARDS for one in incident.episodes)
         return is_alarm and self.acknowledgement(incident) is None
 
@@ -124,8 +126,8 @@ class Alarms:
         )
 
     def findings(self) -> list[str]:
-        """Return a sentence for each disagreement of the detectors, and for each acknowledgement
-        without an episode.
+        """Return a sentence for each disagreement of the detectors, and for each acknowledgement of
+        an unknown episode.
         """
         disagreements = (
             f"{one.station} port {one.port}: {one.finding}."
@@ -135,7 +137,9 @@ class Alarms:
         return [*disagreements, *self.live, *self.without_episode()]
 
     def without_episode(self) -> list[str]:
-        """Return a sentence for each acknowledgement of an episode that the record lacks."""
+        """Return a sentence for each acknowledgement of an episode that the record does not
+        have.
+        """
         known = {episode.id for incident in self.incidents for episode in incident.episodes}
         return [
             f"{name}: acknowledged by {given.who}, but the record gives no such episode."
@@ -144,9 +148,7 @@ class Alarms:
         ]
 
     def rows(self) -> list[dict[str, object]]:
-        """Return a row for each episode as plain values for JSON, in the order of their incidents;
-        times in ISO 8601.
-        """
+        """Return the episodes as values for JSON, ordered by incident; times in ISO 8601."""
         return [
             self._row(incident, episode)
             for incident in self.incidents
@@ -154,7 +156,7 @@ class Alarms:
         ]
 
     def figure_rows(self) -> list[dict[str, object]]:
-        """Return the figures as plain values for JSON; times in ISO 8601."""
+        """Return the figures as values for JSON; times in ISO 8601."""
         return [_figure_row(one) for one in self.figures]
 
     def frame(self) -> pd.DataFrame:
@@ -200,7 +202,7 @@ class Alarms:
 
 
 def alarms_of(run: RunTables) -> Alarms:
-    """Return the alarms of `run`, computed from its record. Raises `RecordError`."""
+    """Return the alarms of a run, computed from its record. Raises `RecordError`."""
     stations, events = run.stations, read_events(run)
     known = {facts.name: facts for facts in stations}
     sampled, reads, spans = _sampled(run, known, events)
@@ -220,7 +222,7 @@ def alarms_of(run: RunTables) -> Alarms:
 def _acknowledged_us(
     found: Iterable[Incident], given: Mapping[str, Acknowledgement]
 ) -> dict[str, int]:
-    """Return when each episode's incident was first acknowledged, by name; UTC microseconds."""
+    """Return episode name -> first acknowledgement of its incident, UTC microseconds."""
     at: dict[str, int] = {}
     for incident in found:
         times = [given[one.id].time for one in incident.episodes if one.id in given]
@@ -231,13 +233,13 @@ def _acknowledged_us(
 
 
 Span = tuple[int, int]
-"""First and last row of a station, UTC microseconds."""
+"""Times of a station's first and last row, UTC microseconds."""
 
 
 def _sampled(
     run: RunTables, known: Mapping[str, StationFacts], events: RunEvents
 ) -> tuple[dict[Place, SampledEpisodes], dict[Place, list[FlagRead]], dict[str, Span]]:
-    """Return, from one pass over the samples, episodes by samples, the flags of ports that lost
+    """Return, from one pass over the samples, the episodes by samples, the flags of ports that lost
     some, and the time recorded.
     """
     losing = frozenset(
@@ -288,8 +290,9 @@ def _with_flags(stations: Iterable[StationFacts]) -> list[str]:
 def _live_differences(
     episodes: Iterable[Episode], found: RunEvents, stations: Iterable[StationFacts]
 ) -> Iterable[str]:
-    """Yield a sentence for each difference between detector B's events and episodes. Early
-    recorders had no such events.
+    """Yield a sentence for each difference between detector B's events and episodes.
+
+    Runs of early versions have no such events.
     """
     evaluated = {facts.name for facts in stations if facts.alarm_rules}
     given = [

@@ -1,5 +1,5 @@
-"""The joints of a run as objects, each with its slice of the samples and its unit, and as spans of
-a figure.
+"""The joints of a run as objects, each with its unit and its slice of the samples, and as spans for
+figures.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from jbclog.core.errors import UsageError
 from jbclog.record.schema import TEXT
 
 OF_SPANS: Final = ("start_s", "end_s", "recovered")
-"""The columns that `spans_of` takes."""
+"""Columns that `spans_of` needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunJoint:
-    """A joint. Its fields are the columns of `Run.joints` (docs/reference/tables.md), and its
-    unit's serial; None: not known.
+    """A joint. Its fields are the columns of `Run.joints` (docs/reference/tables.md) and the serial
+    of its unit, None if not known.
     """
 
     run: RunTables = field(repr=False, compare=False)
@@ -62,8 +62,8 @@ class RunJoint:
     def samples(
         self, before_s: float = 0.0, after_s: float = 0.0, columns: Sequence[str] | None = None
     ) -> pd.DataFrame:
-        """Return its port's rows of `Run.samples` from `before_s` before its start to `after_s`
-        after its end, both included.
+        """Return the port's rows of `Run.samples` from `before_s` before the joint to `after_s`
+        after it, both included.
 
         Raises `UsageError` for a negative time or an unknown column, `RecordError` for a record
         that cannot be read.
@@ -73,7 +73,7 @@ class RunJoint:
                 f"before_s is {before_s} s, after_s is {after_s} s; both must be 0 or more"
             )
         begin = self.start - pd.Timedelta(seconds=before_s)
-        # `stop` itself is not included
+        # `stop` is exclusive
         after_end = self.end + pd.Timedelta(seconds=after_s) + pd.Timedelta(microseconds=1)
         return self.run.samples(self.station, self.port, begin, after_end, columns)
 
@@ -81,7 +81,7 @@ class RunJoint:
 def each_joint(
     run: RunTables, station: str | None = None, port: int | None = None
 ) -> list[RunJoint]:
-    """Return the joints of a run in the order of `joints_of`. Raises `RecordError`."""
+    """Return the joints of a run as objects, in the order of `joints_of`. Raises `RecordError`."""
     table = joints_of(run, station)
     if port is not None:
         table = table.filter(pc.equal(table["port"], port))
@@ -92,15 +92,13 @@ def each_joint(
 
 
 def joints_with_units(run: RunTables) -> pa.Table:
-    """Return the joints of `joints_of` with a first column `unit`: the unit's serial, null where it
-    is not known.
-    """
+    """Return the joints with a first column `unit`: the unit's serial, null if not known."""
     table = joints_of(run)
     return table.add_column(0, pa.field("unit", TEXT), pa.array(serials_of(run, table), TEXT))
 
 
 def serials_of(run: RunTables, joints: pa.Table) -> list[str | None]:
-    """Return the serial of the unit of each joint; None where it is not known."""
+    """Return the unit's serial for each joint; None if not known."""
     serials = run.unit_at(pd.Series(joints["start"].to_pandas()))
     return [None if pd.isna(serial) else str(serial) for serial in serials]
 
@@ -113,14 +111,14 @@ def _joint(run: RunTables, unit: str | None, row: dict[str, object]) -> RunJoint
 def joints_of_port(
     joints: pa.Table, station: str, port: int, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Return the joints of one port, or these columns of them: a copy."""
+    """Return a copy of the joints of one port, with all or with these columns."""
     own = pc.and_(pc.equal(joints["station"], station), pc.equal(joints["port"], port))
     return (joints if columns is None else joints.select([*columns])).filter(own)
 
 
 def spans_of(joints: pa.Table) -> list[Span]:
-    """Return the joints of one port in seconds of the run, each with the word for whether the tip
-    was back before the next.
+    """Return the joints of one port in seconds of the run, with the word for whether the tip
+    recovered before the next.
     """
     return [
         Span(

@@ -1,9 +1,9 @@
-"""Joints and metrics of a run: as its report stored them, or computed from its samples.
+"""Joints and metrics of a run: those that its report stored, or computed from its samples.
 
-The tables have a row for each joint (`JOINTS_SCHEMA`) or for each metric of each port (`METRICS`).
-Also works for a run that is still open or was cut off, as far as its record reaches. Ports without
-a feeder are measured together, window by window, so that a long run fits into memory; a port with a
-feeder is measured as a whole.
+The tables have a row for each joint (`JOINTS_SCHEMA`) and for each metric of each port (`METRICS`).
+Also works for a run that is being recorded or was cut off. Ports without a feeder are measured
+together, window by window, so that a long run fits into memory; a port with a feeder is measured as
+a whole.
 """
 
 from __future__ import annotations
@@ -51,15 +51,19 @@ T = TypeVar("T")
 
 AS_THEY_ARE: Final = ("fed", "why", "recovered")
 FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_permille_s": "energy"}
-"""Column of the table -> field of a joint or its draw, where they differ; floats are rounded."""
+"""Column of the table -> field of a joint or its draw, where the names differ; floats are
+rounded.
+"""
 DECIMALS: Final = 3
 UNSURE: Final = 1e-3
-# status words of W-PS (manuals 000, 001, 002)
+# status texts of W-PS (manuals 000, 001, 002)
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
 
 
 class MeasuredPort(NamedTuple):
-    """The joints and metrics of one port, and the UTC of each joint's start and end in turn."""
+    """Joints and metrics of one port; `edges_us` has start and end of each joint, alternating
+    (UTC).
+    """
 
     facts: StationFacts
     port: int
@@ -87,14 +91,13 @@ def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
     """Return a row for each metric of each port: value, or the reason in `why`; unit, n, coverage
     in per cent, resolution.
 
-    Reads the stored metrics if they are this run's, and computes them otherwise. Raises
-    `RecordError`.
+    Reads the stored metrics if they are this run's, else computes them. Raises `RecordError`.
     """
     return metric_table(metric_rows_of(run, station))
 
 
 def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow]:
-    """Return the rows of `metrics_of`."""
+    """Return the rows of `metrics_of` as objects."""
     published = run.published("metrics")
     if published is not None:
         return [
@@ -107,13 +110,15 @@ def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow
 
 
 def computed_metrics(run: RunTables, station: str | None = None) -> list[MetricRow]:
-    """Return the rows of `metrics_of`, computed from the samples whatever is stored."""
+    """Return the rows of `metrics_of`, always computed from the samples."""
     return [row for port in _measured(run, station) for row in port.metric_rows()]
 
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
     """Return the joints, ordered by station, port and time: the stored ones if they are this run's,
-    else those found in the samples. Raises `RecordError`.
+    else those found in the samples.
+
+    Raises `RecordError`.
     """
     stored = run.published("joints")
     if stored is None:
@@ -124,7 +129,9 @@ def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
 
 
 def _stored(run: RunTables, read: Callable[[Path, str], T | None]) -> T | None:
-    """Return what `read` finds stored with a sealed run; None where that cannot be read."""
+    """Return what `read` finds stored with a sealed run; None if there is none or it cannot be
+    read.
+    """
     try:
         if not run.manifest.is_sealed:
             return None
@@ -141,10 +148,10 @@ def joints_frame(joints: pa.Table) -> pd.DataFrame:
 def joints_and_metrics(
     run: RunTables,
 ) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
-    """Return the joints, the rows of `metrics_of`, and the joint parameters of each port, from one
-    pass over the samples.
+    """Return joints, rows of `metrics_of` and joint parameters of each port, from one pass over the
+    samples.
 
-    The parameters are those of the recipe's `[joints]`, completed by what was learnt from the run.
+    The parameters are those of the recipe's `[joints]`, completed by those learnt from the run.
     """
     joints: list[pa.Table] = []
     metrics: list[dict[str, object]] = []
@@ -160,7 +167,7 @@ def joints_and_metrics(
 
 
 def definitions() -> pd.DataFrame:
-    """Return what each metric means: `metric`, `unit`, `definition`, `applies_to`."""
+    """Return the definition of each metric: `metric`, `unit`, `definition`, `applies_to`."""
     rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in DEFINITIONS]
     return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
 
@@ -170,7 +177,7 @@ def _parameters(run: RunTables, facts: StationFacts) -> JointOptions:
 
 
 def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
-    """Measure each port of each station, or of one, in their order."""
+    """Measure each port of each station, or of one station, in order."""
     selected = [facts for facts in run.stations if station in (None, facts.name)]
     for with_feeder, stations in groupby(selected, has_feeder):
         if with_feeder:
@@ -196,7 +203,9 @@ def _as_a_whole(
 
 
 def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[MeasuredPort]:
-    """Measure ports of stations without a feeder; holds at most a window of each port in memory."""
+    """Measure the ports of stations without a feeder, holding at most one window of each in
+    memory.
+    """
     reader = _reader(run, stations)
     measuring: dict[Key, PortMeasuring] = {}
     every_setting = run.settings()
@@ -243,7 +252,7 @@ def clock_steps(run: RunTables) -> list[Step]:
 
 
 def _edges(joints: Sequence[Joint]) -> Floats:
-    """Return start and end of each joint in s, one after the other."""
+    """Return start and end of each joint in s, alternating."""
     edges = [floats_of(joints, name) for name in ("start_s", "end_s")]
     return np.array(edges, dtype=np.float64).ravel(order="F")
 
@@ -251,7 +260,7 @@ def _edges(joints: Sequence[Joint]) -> Floats:
 def _whole_ports(
     run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame
 ) -> Iterator[tuple[int, Series, Wire, Counts]]:
-    """Yield each port of a station with a feeder: its number, all its rows, the feeder's counter,
+    """Yield, for a station with a feeder, each port's number, all its rows, the feeder's counter,
     and the UTC of the rows.
     """
     reader = _reader(run, [facts])
@@ -270,7 +279,7 @@ def _whole_ports(
 def _ordered_s(
     facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock
 ) -> float | None:
-    """Return when the run ordered the tool to work; None if it did not."""
+    """Return when the run ordered the tool to work, s; None if it did not."""
     orders = settings[
         (settings["port"] == port)
         & (settings["setting"] == "status")
@@ -281,7 +290,7 @@ def _ordered_s(
 
 
 def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:
-    """Return the feeder's counter of lengths, and the length that is set, if it was read."""
+    """Return the feeder's length counter, and the set length if it was read."""
     length = _counter(counters, "dispensed_mm")
     readbacks = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()][
         "readback"
@@ -303,7 +312,7 @@ def _counter(counters: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def _micros(rows: pd.DataFrame) -> Counts:
-    """Return the times of these rows in UTC microseconds since 1970."""
+    """Return the times of these rows, UTC microseconds since 1970."""
     return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
 
 
@@ -312,7 +321,7 @@ def _concatenated(joints: Sequence[pa.Table]) -> pa.Table:
 
 
 def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array]:
-    """Yield the columns of a port's joints one after the other, as they are in the table."""
+    """Yield the columns of a port's joints in the order of the table."""
     joints, rated_w = one.measured.joints, one.facts.rated_power_w
 
     def floats(name: str, decimals: int = DECIMALS) -> pa.Array:
@@ -350,8 +359,8 @@ def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array
 
 
 def _rounded(values: Floats, decimals: int = DECIMALS) -> pa.Array:
-    """Return the values to three decimals, finer than any resolution of a station; null where one
-    is not known.
+    """Return the values to three decimals, finer than any resolution of a station; null if not
+    known.
     """
     return _known(rounded(np.where(np.isinf(values), np.nan, values), decimals))
 
@@ -361,13 +370,11 @@ def _known(values: Floats) -> pa.Array:
 
 
 def rounded(values: Floats, decimals: int) -> Floats:
-    """Return the values as `round` rounds each: to the decimal number that is nearest to the exact
-    value.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):  # beyond 10^12 `round` does it
+    """Round as the built-in `round` does: to the decimal number nearest to the exact value."""
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond 10^12, `round` itself does it
         scaled = values * 10**decimals
         found: Floats = np.rint(scaled) / 10**decimals
-        # the product may be on the other side of a half, by less than this where it is below 10^12
+        # the product may be on the wrong side of a half, by less than this below 10^12
         is_half = np.abs(np.abs(scaled - np.rint(scaled)) - 0.5) < UNSURE
     unsure = is_half | (np.abs(scaled) > 1e12)
     found[unsure] = [round(value, decimals) for value in values[unsure].tolist()]

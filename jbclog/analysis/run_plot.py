@@ -1,4 +1,4 @@
-"""The figure of a run for a notebook: each port as in the report, one below the other."""
+"""The figure of a run for notebooks: each port as in the report, one below the other."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ from jbclog.analysis.run_tables import RunTables
 from jbclog.core.errors import UsageError
 
 HEADING_PT: Final = 17.0
-DPI: Final = 130  # of the picture in a notebook
+DPI: Final = 130  # resolution of the picture in a notebook
 
 
 def plot(run: RunTables, station: str | None = None, port: int | None = None) -> Figure:
-    """Return a figure of each port: temperature, power, status, joints, missing data, alarms and
-    errors; days (UTC) on the x axis.
+    """Draw each port: temperature, power, status, joints, missing data, alarms and errors, over
+    days (UTC).
 
-    Each panel has one linear scale over its whole range. Raises `UsageError` if there are no
-    samples to show.
+    Each panel has one linear scale over its whole range. Raises `UsageError` without samples.
     """
     ports = [(f"{name} port {number}", one) for name, number, one in _traces(run, station, port)]
     if not ports:

@@ -1,8 +1,8 @@
-"""The manifest and the tables of a run: a selection of rows and columns as DataFrames or Arrow
-tables, whole or in pieces.
+"""Manifest and tables of a run; rows and columns of a table as DataFrame or Arrow table, whole or
+in pieces.
 
-Also reads a run that is being recorded, or that a crash cut off: Parquet parts first, then the rows
-that only the live store has.
+Also reads a run that is being recorded or was cut off by a crash: Parquet parts first, then the
+rows that only the live store has.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from jbclog.record.store_reader import StoreReader
 from jbclog.record.units import BEGIN, COLUMNS, END, only_unit, units_in
 
 Moment = str | datetime | pd.Timestamp
-"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no
+"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC if without a
 zone.
 """
 
 Times = Sequence[object] | pd.Series | pd.DatetimeIndex
 """UTC moments: Timestamps, datetimes, or strings with a zone."""
 
-HELD_ROWS: Final = 500_000  # of a live store, in memory at once
+HELD_ROWS: Final = 500_000  # rows of a live store in memory at once
 # bytes of events, settings or counters: half a million events, more than a million counters
 MOST_WHOLE: Final = 128 << 20
 MOST_SAID: Final = 2000  # characters of a warning
@@ -58,7 +58,7 @@ MICROSECONDS: Final = struct.Struct("<q")  # a time in the statistics of a Parqu
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Rows and columns of a table: from `start`, before `stop`, both UTC; None selects all."""
+    """Rows and columns of a table: from `start`, before `stop`, both UTC; None: no condition."""
 
     table: str
     columns: Sequence[str]
@@ -66,12 +66,14 @@ class Selection:
     port: int | None = None
     start: pd.Timestamp | None = None
     stop: pd.Timestamp | None = None
-    coded: bool = False  # texts may come as dictionaries
-    wanted: Wanted | None = None  # sealed row groups that are needed, if not all
+    coded: bool = False  # texts may be returned as dictionaries
+    wanted: Wanted | None = None  # sealed row groups to read; None: all
 
     @property
     def needed(self) -> list[str]:
-        """The columns to read, in the table's order: selected ones, and those that select rows."""
+        """Columns to read, in the table's order: the selected ones and those that conditions
+        need.
+        """
         conditions = {
             "station": self.station,
             "port": self.port,
@@ -93,8 +95,9 @@ class Selection:
         return rows.select(list(self.columns))
 
     def may_have(self, part: Path) -> bool:
-        """Whether a part can hold rows between `start` and `stop`, by its footer. Raises
-        `RecordError` for an unreadable part.
+        """Whether a part can hold rows between `start` and `stop`, by its footer.
+
+        Raises `RecordError` for an unreadable part.
         """
         if self.start is None and self.stop is None:
             return True
@@ -128,7 +131,7 @@ def select(
 
 
 def utc(moment: Moment | None) -> pd.Timestamp | None:
-    """Return a time in UTC; one without a zone is taken as UTC."""
+    """Return a time in UTC; a time without a zone is UTC."""
     if moment is None:
         return None
     stamp = pd.Timestamp(moment)
@@ -143,15 +146,16 @@ def frame(table: pa.Table) -> pd.DataFrame:
 
 
 def arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
-    """Return a time as Arrow compares it with the tables' times."""
+    """Return a time as an Arrow scalar of the type of the tables' times."""
     return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(
         pa.timestamp("us", tz="UTC")
     )
 
 
 def _time_bounds(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
-    """Return the first and last time in a part; None if its footer lacks them. Raises OSError or
-    pa.ArrowException.
+    """Return the first and last time in a part; None if its footer has none.
+
+    Raises `OSError`, `pa.ArrowException`.
     """
     bounds = bounds_of(part, "time")
     if not bounds or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in bounds):
@@ -163,7 +167,7 @@ def _time_bounds(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
             if one is not None
             for raw in one
         ]
-    except (ValueError, OverflowError):  # outside of what a Timestamp can hold
+    except (ValueError, OverflowError):  # beyond the range of a Timestamp
         return None, None
     return min(times), max(times)
 
@@ -178,19 +182,19 @@ class RunTables:
 
     @property
     def name(self) -> str:
-        """The folder's name."""
+        """Name of the run's folder."""
         return self.folder.name
 
     @property
     def place(self) -> str:
-        """Where the run is, as messages and tables show it: its folder, or its place in a store."""
+        """Where the run is, as messages show it: its folder, or its place in a store."""
         return str(self.folder)
 
     @property
     def manifest(self) -> Manifest:
-        """The manifest as it is now; an empty one for a run that a crash cut off before it had any.
+        """The current manifest; empty if the recorder crashed before it wrote one.
 
-        A sealed manifest is kept until its file changes, because every table needs it. Raises
+        A sealed manifest is cached until its file changes, because every table needs it. Raises
         `RecordError`.
         """
         identity = self._manifest_identity()
@@ -203,35 +207,31 @@ class RunTables:
 
     @property
     def verdict(self) -> str | None:
-        """The verdict in words; None while there is none."""
+        """The verdict as text; None if there is none yet."""
         return self.manifest.verdict
 
     @property
     def stations(self) -> list[StationFacts]:
-        """The stations in the order of the line file, each with what the run found out about it.
-        Raises `RecordError`.
-        """
+        """Facts of each station, in the order of the line file. Raises `RecordError`."""
         manifest = self.manifest
         if manifest.is_sealed:
             return manifest.stations
         with StoreReader(self.folder) as store:
-            # read after the store: a run that is sealed in between has them in its manifest
+            # after the store: a run sealed in between has them in its manifest
             manifest = self.manifest
             known = manifest.stations
             return known if manifest.is_sealed else known_stations(store, known)
 
     @property
     def duration(self) -> pd.Timedelta | None:
-        """From start to end on the host's clock; None for a run without a recorded end. Raises
-        `RecordError`.
-        """
+        """Time from start to end by the host's clock; None without an end. Raises `RecordError`."""
         manifest = self.manifest
         if manifest.started is None or manifest.ended is None:
             return None
         return pd.Timestamp(manifest.ended) - pd.Timestamp(manifest.started)
 
     def expect_place(self, station: str | None, port: int | None = None) -> None:
-        """Raise `UsageError` for a station or port that the run does not have.
+        """Raise `UsageError` if the run does not have this station or port.
 
         An empty table would read as if nothing was recorded.
         """
@@ -250,7 +250,7 @@ class RunTables:
             )
 
     def _manifest_identity(self) -> tuple[int, ...] | None:
-        """Return what changes when the manifest's file changes; None if it is missing."""
+        """Return a value that changes when the manifest's file changes; None if it is missing."""
         try:
             file = (self.folder / MANIFEST).stat()
         except OSError:
@@ -277,8 +277,8 @@ class RunTables:
     ) -> pd.DataFrame:
         """Return a row for each tick, station and port, in recording order.
 
-        `start` is included, `stop` is not. A value that was not read is missing; `reasons` has the
-        cause. Raises `UsageError` for an unknown station, port or column, `RecordError` for a
+        `start` is included, `stop` is not. A value that was not read is missing, and `reasons` has
+        the cause. Raises `UsageError` for an unknown station, port or column, `RecordError` for a
         record that cannot be read.
         """
         return self._frame(self._select("samples", station, port, start, stop, columns))
@@ -292,11 +292,11 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows); no piece
-        is empty.
+        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows), none
+        empty.
 
-        Keeps no piece in memory: a month of 32 stations takes no more than an hour of them. Raises
-        as `samples`.
+        Keeps no piece, so a month of 32 stations takes no more memory than an hour. Raises as
+        `samples`.
         """
         selection = self._select(table, station, port, start, stop, columns)
         return (frame(piece) for piece in self._groups(selection) if piece.num_rows)
@@ -308,16 +308,13 @@ class RunTables:
         return self._frame(self._select("events", station, start=start, stop=stop))
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
-        """Return the outcome of each setting; values are text in the setting's unit. Raises as
-        `samples`.
-        """
+        """Return the result of each setting, as text in its unit. Raises as `samples`."""
         return self._frame(self._select("settings", station))
 
     def counters(self, station: str | None = None) -> pd.DataFrame:
-        """Return the readings of the stations' counters; a failed reading has no value, and its
-        cause in `raw`.
+        """Return the readings of the stations' counters. Raises as `samples`.
 
-        Raises as `samples`.
+        A failed reading has no value, and the cause in `raw`.
         """
         return self._frame(self._select("counters", station))
 
@@ -325,8 +322,8 @@ class RunTables:
         """Return the serial capture of a station, oldest first: `time`, `what`, `data` (bytes),
         `text`.
 
-        Leaves out damaged stretches, with a warning for each. Raises `UsageError` for an unknown
-        station, `RecordError` for a run without `--capture`.
+        Skips damaged stretches with a warning for each. Raises `UsageError` for an unknown station,
+        `RecordError` for a run recorded without `--capture`.
         """
         path = wire_path(self.folder, station)
         if not path.is_file():
@@ -346,10 +343,9 @@ class RunTables:
         )
 
     def unit_at(self, times: Times) -> pd.Series:
-        """Return the serial of the unit on the bench at each of `times`, in their order; missing
-        where unknown.
+        """Return the serial of the unit on the bench at each of `times`; missing if not known.
 
-        Keeps the index of `times`.
+        The result has the index of `times`.
         """
         index = times.index if isinstance(times, pd.Series) else None
         micros = _micros(pd.Series(times, index=index))
@@ -358,7 +354,7 @@ class RunTables:
         if not (changes["kind"] == BEGIN).any():
             unit = only_unit(manifest.metadata.units, self._late_serials(manifest))
             return pd.Series(unit, index=micros.index, dtype="string")
-        # first: before any unit
+        # first row: before any unit
         serials = np.array(
             [None, *changes["raw"].where(changes["kind"] == BEGIN, None)], dtype=object
         )
@@ -368,12 +364,12 @@ class RunTables:
         return pd.Series(serials[places], index=micros.index, dtype="string")
 
     def units(self) -> pd.DataFrame:
-        """Return a row for each unit: `unit` (serial), `begin` and `end` in UTC, missing where not
+        """Return a row for each unit: `unit` (serial), `begin` and `end` in UTC, missing if not
         known.
 
-        Units whose serials were read come first, one row for each time on the bench; then those
-        that people only named. A single unit that was named, without any serial read, was there for
-        the whole run. Raises `RecordError`.
+        Units whose serials were read come first, a row for each stay on the bench, then units that
+        were only named on the command line or later. A single named unit, with no serial read,
+        spans the whole run. Raises `RecordError`.
         """
         manifest, read = self.manifest, units_in(self.groups("events", COLUMNS))
         late = self._late_serials(manifest)
@@ -399,20 +395,22 @@ class RunTables:
         return late_serials(self.folder) if manifest.is_sealed else []
 
     def published(self, table: str) -> pa.Table | None:
-        """Return its joints or metrics as a store has them; None for a run in a folder."""
+        """Return the joints or metrics that a store has of the run; None for a run in a folder."""
         return None
 
     def groups(
         self, table: str, columns: list[str], *, coded: bool = False, wanted: Wanted | None = None
     ) -> Iterator[pa.Table]:
-        """Yield the rows of a table in order, one row group at a time; rows of the live store come
-        last. `coded`: the texts of sealed rows come as dictionaries, in half the time. Row groups
-        of a sealed run that are not `wanted` may be left out.
+        """Yield the rows of a table in order, one row group at a time, those of the live store
+        last.
+
+        `coded`: texts of sealed rows come as dictionaries, in half the time. `wanted`: row groups
+        of a sealed run that must be included; others may be left out.
         """
         return self._groups(replace(select(table, columns), coded=coded, wanted=wanted))
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
-        """Return the same row groups as a list."""
+        """Return the row groups of `groups` as a list."""
         return list(self.groups(table, columns))
 
     def _frame(self, selection: Selection) -> pd.DataFrame:
@@ -453,9 +451,9 @@ class RunTables:
         """Yield row groups of the parts, then those of the live store; each is cut before the next
         is read.
 
-        The order matters: a snapshot of the store first, then manifest and parts, so that no row
-        moves between them unseen. The snapshot of a small store is read at once: one that is held
-        for long makes the log of a recorder at work grow.
+        The order matters: first a snapshot of the store, then manifest and parts, so that no row
+        moves from store to parts unseen. A small store is read at once, because a snapshot held for
+        long makes the recorder's log grow.
         """
         with ExitStack() as opened:
             store = opened.enter_context(StoreReader(self.folder))

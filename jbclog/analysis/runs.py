@@ -39,8 +39,8 @@ from jbclog.record.manifest import manifest_sha256
 
 T = TypeVar("T")
 
-TOGETHER: Final = 8  # runs that are opened by one task
-MOST_SAID: Final = 500  # characters of why a run cannot be read
+TOGETHER: Final = 8  # runs opened by one task
+MOST_SAID: Final = 500  # characters of the reason why a run cannot be read
 TEXTS: Final = (
     "run",
     "state",
@@ -62,7 +62,7 @@ WHAT_A_RATE_CHANGES: Final = (
 
 
 class Source(Protocol):
-    """Where `Runs` find their runs, and the metrics of one."""
+    """Finds runs and returns their metrics."""
 
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
         """Yield the matching runs, as `find_runs.find` does."""
@@ -71,16 +71,17 @@ class Source(Protocol):
     def metrics(
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
-        """Return at least the metrics `names` of a run, of one station or of all. Raises
-        `RecordError`.
+        """Return at least the metrics `names` of a run, of one station or of all.
+
+        Raises `RecordError`.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The runs' own folders. Of metrics, `stored` reads those of a report, and `cache` those that
-    the recorder left.
+    """Runs in their own folders. `stored`: use the metrics of reports; `cache`: use those that the
+    recorder left.
     """
 
     stored: bool = True
@@ -100,9 +101,9 @@ class Records:
         return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)
 
     def known(self, run: Found) -> list[MetricRow] | None:
-        """Return what a report or the recorder left; None where it is missing or of another run.
+        """Return the metrics that a report or the recorder left; None if missing or of another run.
 
-        The manifest is not parsed again where it is still the one that was found.
+        The manifest is not parsed again if it has not changed since it was found.
         """
         if run.state != SEALED or run.changed is not None or not (self.stored or self.cache):
             return None
@@ -120,28 +121,28 @@ RECORDS: Final = Records()
 
 
 class Together(Protocol):
-    """Some runs that are opened where this object is sent to."""
+    """A group of runs, sent to the process that opens them."""
 
     def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield what opens each run."""
+        """Yield a function for each run that opens it."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class FoldersTogether:
-    """Some runs in folders, which have the same path wherever they are opened."""
+    """Runs in folders, which have the same path in every process."""
 
     folders: tuple[Path, ...]
 
     def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield what opens each run."""
+        """Yield a function for each run that opens it."""
         return (partial(open_run, folder) for folder in self.folders)
 
 
 @dataclass(frozen=True, slots=True)
 class OfEach(Generic[T]):
-    """Calls a function for each of some runs; an error of the kind `caught` is the run's, any other
-    one ends all.
+    """Calls a function for each run of a group. An error of type `caught` is stored for its run;
+    any other ends the work.
     """
 
     function: Callable[[Run], T]
@@ -161,19 +162,18 @@ class OfEach(Generic[T]):
 
 
 def _why_unreadable(error: Exception) -> str:
-    """Return why a run cannot be read; rows that no recorder wrote can raise anything."""
+    """Return why a run cannot be read; foreign rows can raise anything."""
     if isinstance(error, RecordError):
         return str(error)
     return f"its tables cannot be read: {unexpected_error_text(error)}"
 
 
 class Runs(Sequence[Run]):
-    """The runs that match a filter, each once, in the order of their starts. Reads manifests at
-    first use, and tables at each call.
+    """The runs that match a filter, each once, ordered by start.
 
-    `copies` has the folders with a run that another folder has. `unreadable` has the folders whose
-    manifest cannot be read, so that a match is not known, and those that `each` could not read.
-    `refreshed()` searches again.
+    Reads manifests at first use, and tables at each call; `refreshed()` searches again. `copies`
+    has the folders with a run that another folder has; `unreadable` has those whose manifest cannot
+    be read, so that it is not known whether they match, and those that `each` could not read.
     """
 
     def __init__(self, folder: Path, wanted: Filter, source: Source = RECORDS) -> None:
@@ -195,29 +195,28 @@ class Runs(Sequence[Run]):
 
     @property
     def found(self) -> list[Found]:
-        """The summary of each run's manifest."""
+        """Summary of each run's manifest."""
         return self._once[0]
 
     @property
     def copies(self) -> list[Copy]:
-        """Folders with a run that another folder has: by the name in their manifests. They do not
-        count.
+        """Folders with a run that another folder has, by the name in their manifests; not counted.
 
-        The folder with that name counts, else the first by name.
+        The folder of that name counts, else the first by name.
         """
         return self._once[1]
 
     @property
     def unreadable(self) -> list[Unreadable]:
-        """Folders whose manifest, or what was asked of its tables, cannot be read, and why."""
+        """Folders whose manifest, or a requested table, cannot be read, and why."""
         return self._search[1]
 
     def refreshed(self) -> Runs:
-        """Return the runs that match now."""
+        """Search again and return the runs that match now."""
         return self.through(self.source)
 
     def through(self, source: Source) -> Runs:
-        """Return the runs that match now, found and measured by `source`."""
+        """Search again with another source of runs and metrics."""
         return Runs(self.folder, self.wanted, source)
 
     def __len__(self) -> int:
@@ -236,7 +235,7 @@ class Runs(Sequence[Run]):
         return map(self.open, self.found)
 
     def open(self, one: Found) -> Run:
-        """Return the run that was found. Raises `RecordError`."""
+        """Open a run of `found`. Raises `RecordError`."""
         return open_run(one.folder)
 
     def __repr__(self) -> str:
@@ -248,7 +247,7 @@ class Runs(Sequence[Run]):
         return runs_html(self.folder, self.found, self.copies, self.unreadable)
 
     def manifests(self) -> pd.DataFrame:
-        """Return a row for each run: who, what, when, and with which result.
+        """Return a row for each run: start and end, result, metadata, stations, folder.
 
         Times are UTC; `stations`, `recipes`, `units`, `wire_lots`, `flux_lots` and `tips` hold
         tuples.
@@ -273,12 +272,12 @@ class Runs(Sequence[Run]):
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """Yield the samples of all runs in pieces of at most one row group (some 33 000 rows),
+        """Yield the samples of all runs in pieces of at most one row group (some 33 000 rows), with
         `run` as the first column.
 
         Keeps no piece, so a month of 32 stations takes no more memory than an hour; `pd.concat` of
-        the pieces is the whole table. Leaves out runs without the station. Raises `UsageError` if
-        no run has it, `RecordError` for a run that cannot be read.
+        the pieces is the whole table. Skips runs without the station. Raises `UsageError` if no run
+        has it, `RecordError` for a run that cannot be read.
         """
         for run in map(self.open, self._with(station)):
             for piece in run.stream("samples", station, port, start, stop, columns):
@@ -286,7 +285,8 @@ class Runs(Sequence[Run]):
                 yield piece
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
-        """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns.
+        """Return the metrics of all runs (`Run.metrics`), with `run` and `started` as first
+        columns.
 
         Raises `UsageError` if no run has the station, `RecordError` for a run that cannot be read.
         """
@@ -297,14 +297,14 @@ class Runs(Sequence[Run]):
     def metric_rows(
         self, station: str | None = None, names: Collection[str] | None = None
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
-        """Yield each run that can be read with its rows of `metrics`, at least those of `names`."""
+        """Yield each readable run with its rows of `metrics`, at least those of `names`."""
         return self.each(
             lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station)
         )
 
     def each(self, read: Callable[[Found], T]) -> Iterator[tuple[Found, T]]:
-        """Yield each run with what `read` returns for it. A run that cannot be read blocks no
-        other: it is in `unreadable`.
+        """Yield each run with the result of `read`; a run that cannot be read is added to
+        `unreadable`.
         """
         for one in self.found:
             try:
@@ -317,8 +317,8 @@ class Runs(Sequence[Run]):
                 yield one, read_here
 
     def _with(self, station: str | None) -> list[Found]:
-        """Return the runs that have a station. Raises `UsageError` if none has: a table without
-        rows would hide the mistake.
+        """Return the runs that have a station. Raises `UsageError` if none has: an empty table
+        would hide the mistake.
         """
         those = [one for one in self.found if station is None or station in one.stations]
         if not those and self.found:
@@ -329,19 +329,21 @@ class Runs(Sequence[Run]):
     def map(
         self, function: Callable[[Run], T], scheduler: str | None = None
     ) -> Iterator[tuple[Found, T]]:
-        """Yield each run, in their order, with what the function returns for it; a run that cannot
-        be read is in `unreadable`.
+        """Yield each run, in order, with the result of `function`; a run that cannot be read is
+        added to `unreadable`.
 
         `scheduler` (``tcp://HOST:PORT`` or ``tls://HOST:PORT``) is a Dask scheduler whose workers
-        call the function; they open the runs by the same path. Without one, processes of this
-        computer do from 64 runs on; a script then starts below ``if __name__ == "__main__":``. What
-        else the function raises is raised here. Raises `RecordError` where the scheduler is gone.
+        call the function and open the runs by the same path. Without one, 64 runs or more are
+        spread over processes of this computer; guard such a script by ``if __name__ ==
+        "__main__":``. Other exceptions of the function propagate. Raises `RecordError` if the
+        scheduler is lost.
         """
         return self._mapped(function, self.found, scheduler, RecordError)
 
     def on(self, scheduler: str | None) -> Runs:
-        """Return the runs that match now, computed by the workers of a scheduler. Raises
-        `UsageError`: runs of a store only.
+        """Search again, and let the workers of a scheduler compute.
+
+        Raises `UsageError` here: a scheduler reads stores only.
         """
         if scheduler is None:
             return self.refreshed()
@@ -380,7 +382,7 @@ class Runs(Sequence[Run]):
             self.unreadable.append(one)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
-        """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns.
+        """Return the joints of all runs (`Run.joints`), with `run` and `started` as first columns.
 
         Raises `UsageError` if no run has the station, `RecordError` for a run that cannot be read.
         """
@@ -394,8 +396,8 @@ class Runs(Sequence[Run]):
 
 
 def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.DataFrame:
-    """Return the table with `run` and `started` as its first columns; so many of its rows belong to
-    each run, in this order.
+    """Add `run` and `started` as first columns; `counts` has each run's number of rows, in
+    order.
     """
     rows = [count for _, count in counts]
     started = (
@@ -423,7 +425,7 @@ def filter_of(
     tags: Mapping[str, str] | None,
     texts: Mapping[str, str | None],
 ) -> Filter:
-    """Return the conditions of `open_runs`. Raises `UsageError` for an unknown one."""
+    """Return the conditions of `open_runs` as a filter. Raises `UsageError` for an unknown one."""
     known = {one.name for one in fields(Filter)} - {"since", "until", "ended_since", "tags"}
     unknown = sorted(texts.keys() - known)
     if unknown:
@@ -435,10 +437,10 @@ def filter_of(
 
 
 def rate_text(period_s: float | None) -> str:
-    """Return a sampling rate as text: ``5 Hz``; ``max`` for one read without pause (None)."""
+    """Return a sampling rate as text: ``5 Hz``; ``max`` if read without pause (None)."""
     return "max" if period_s is None else f"{1 / period_s:.3g} Hz"
 
 
 def is_same_rate(one_s: float | None, two_s: float | None) -> bool:
-    """Whether two sampling periods in s are equal; None: read without pause."""
+    """Whether two sampling periods, in s, are equal; None: read without pause."""
     return one_s == two_s if one_s is None or two_s is None else isclose(one_s, two_s)

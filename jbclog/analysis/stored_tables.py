@@ -1,13 +1,12 @@
-"""The tables that are stored with a run: joints in `joints.parquet`, metrics in `report.json` and
-in a cache of their own.
+"""Tables stored with a run: joints in `joints.parquet`, metrics in `report.json` and in a cache.
 
-They save a pass over the samples, but only if they are this run's: the joints name the manifest
-that they were made from, and the report names manifest, jbclog and rules. An annotation must hold
-the hash of `report.json`, and that the hash of `joints.parquet`.
+They save a pass over the samples, if they belong to this run: the joints name their source
+manifest, and the report names manifest, jbclog and rules. An annotation must hold the hash of
+`report.json`, which holds the hash of `joints.parquet`.
 
 After a run its recorder leaves all metrics in `metrics.parquet`, a cache for trends that names
-manifest, rules and methods. Nothing vouches for it: whoever can write the folder can forge it. So
-`trend` reads it and nothing else does.
+manifest, rules and methods. It is not authenticated: whoever can write to the folder can forge it.
+So only `trend` reads it.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ METRICS: Final = {
     "resolution": "Float64",
     "why": "str",
 }
-"""The columns of the table of metrics, and their types."""
+"""Columns of the table of metrics, and their types."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +69,14 @@ class MetricRow:
 
 @dataclass(frozen=True, slots=True)
 class _Written:
-    """The part of `report.json` that vouches for its other files."""
+    """The part of `report.json` that has the hashes of its other files."""
 
     written: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class _Report:
-    """The part of `report.json` that has the metrics, and what they were made from."""
+    """The part of `report.json` that has the metrics and their source."""
 
     manifest_sha256: str
     jbclog: str
@@ -164,7 +163,7 @@ JOINTS_SCHEMA: Final = pa.schema([field_of(column, "definition") for column in J
 
 
 def joints_parquet(joints: pa.Table, manifest_sha256: str) -> bytes:
-    """Return the content of `joints.parquet`; the same for the same joints and manifest."""
+    """Return the content of `joints.parquet`: deterministic for given joints and manifest."""
     sink = pa.BufferOutputStream()
     pq.write_table(
         joints.replace_schema_metadata({MADE_FROM: manifest_sha256.encode()}),
@@ -175,8 +174,8 @@ def joints_parquet(joints: pa.Table, manifest_sha256: str) -> bytes:
 
 
 def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
-    """Return the joints in the run's folder; None if they are missing, damaged, or of another
-    report or manifest.
+    """Return the joints in the run's folder; None if missing, damaged, or of another report or
+    manifest.
     """
     try:
         with open_foreign(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
@@ -195,8 +194,8 @@ def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
 
 
 def stored_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None:
-    """Return all metrics of the run; None if they are missing, damaged, or of another manifest,
-    jbclog or version of the rules.
+    """Return all metrics of the run; None if missing, damaged, or of another manifest, jbclog or
+    version of the rules.
     """
     try:
         report = _read_report(_report(folder, manifest_sha256))
@@ -224,17 +223,17 @@ METRICS_SCHEMA: Final = pa.schema(
         *(pa.field("coverage", FLOAT), pa.field("resolution", FLOAT), pa.field("why", TEXT)),
     ]
 )
-"""The columns of `metrics.parquet`, in the order of `MetricRow`."""
+"""Columns of `metrics.parquet`, in the order of `MetricRow`."""
 CACHE_BYTES: Final = 32 * MIB  # unpacked: those of 512 stations of four ports take some 20
 BY: Final = b"jbclog.methods"
 SUM: Final = b"jbclog.rows_sha256"
 METRIC_NAMES: Final = tuple(one.name for one in DEFINITIONS)
 METHODS_TEXT: Final = f"rules {RULES}, methods {METHODS}"
-"""What computes metrics now. A cache by another one is not used."""
+"""Versions that compute metrics now. A cache with another text is ignored."""
 
 
 def cache_metrics(folder: Path, rows: Sequence[MetricRow], manifest_sha256: str) -> None:
-    """Write the cache of all metrics of a sealed run into its folder. Raises OSError."""
+    """Write the cache of all metrics of a sealed run into its folder. Raises `OSError`."""
     table = pa.Table.from_pylist([asdict(row) for row in rows], schema=METRICS_SCHEMA)
     sink = pa.BufferOutputStream()
     table = table.replace_schema_metadata(_made_from(manifest_sha256, _rows_of(table)))
@@ -244,7 +243,7 @@ def cache_metrics(folder: Path, rows: Sequence[MetricRow], manifest_sha256: str)
 
 
 def _made_from(manifest_sha256: str, rows: Sequence[MetricRow]) -> dict[bytes, bytes]:
-    """Return what the cache's metadata must be; its check sum shows damage, not forgery."""
+    """Return the metadata that a valid cache has; its checksum shows damage, not forgery."""
     own = sha256(msgspec.json.encode(rows)).hexdigest()
     return {MADE_FROM: manifest_sha256.encode(), BY: METHODS_TEXT.encode(), SUM: own.encode()}
 
@@ -257,7 +256,7 @@ def _rows_of(table: pa.Table) -> list[MetricRow]:
 
 
 def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None:
-    """Return all metrics of the run from its cache; None if that is missing, damaged, or of another
+    """Return all metrics of the run from its cache; None if missing, damaged, or of another
     manifest or other methods.
     """
     path = folder / METRICS_CACHE
@@ -277,8 +276,8 @@ def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None
 
 
 def _is_complete(table: pa.Table) -> bool:
-    """Whether it has all metrics of each port in their order, each with a value or the reason why
-    it has none.
+    """Whether each port has all metrics in order, each with a value or the reason why it has
+    none.
     """
     has_neither = pc.and_(pc.is_null(table["value"]), pc.is_null(table["why"]))
     is_whole = len(table) > 0 and table["metric"].to_pylist() == [*METRIC_NAMES] * (
@@ -295,8 +294,9 @@ def metric_table(rows: Sequence[MetricRow]) -> pd.DataFrame:
 
 
 def _report(folder: Path, manifest_sha256: str) -> bytes:
-    """Return the bytes of `report.json`. Raises RecordError, OSError, or ValueError if no
-    annotation holds their hash.
+    """Return the bytes of `report.json`.
+
+    Raises `RecordError`, `OSError`, or `ValueError` if no annotation holds their hash.
     """
     data = read_foreign(folder / REPORT_FILE, Kind.REPORT)
     if read_annotations(folder, manifest_sha256).report != sha256(data).hexdigest():

@@ -1,11 +1,11 @@
-"""A metric over many runs: its values, control chart and capability, for each port separately.
+"""A metric over many runs: values, control chart and capability for each port.
 
-A point is one run's value of a metric (`Run.metrics`), in the order of the runs' starts; runs
-without a value are counted with their reason. The mean of n readings that spread over their steps
-resolves a step / √n; of readings that do not, a step. The chart is that of individual values and
-moving ranges, and capability is that against stated limits; both come from `spc`, which refuses
-misleading results and gives the reason. A changed tip or recipe makes two processes of one, so the
-trend lists such changes. A run that several folders have counts once, with a warning.
+A point is one run's value of a metric (`Run.metrics`), ordered by the runs' starts; runs without a
+value are counted with their reason. The mean of n readings that spread over their steps resolves a
+step / √n; otherwise a step. Charts are of individual values and moving ranges, and capability is
+against stated limits; both come from `spc`, which refuses misleading results with a reason. A
+changed tip or recipe mixes two processes, so the trend lists such changes. A run in several folders
+counts once, with a warning.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from jbclog.record.find_runs import Copy, Found, copies_texts
 
 DEFAULT: Final = "idle_error_c"
 UNIT_AT_END: Final = re.compile(r"_(permille_s|permille|percent|c_per_h|mm_s|mm|c|s|j)$")
-MEANS: Final = ("idle_error_c",)  # of many readings
-SPREAD: Final = "idle_sd_c"  # not known if it is below what steps can show
+MEANS: Final = ("idle_error_c",)  # means of many readings
+SPREAD: Final = "idle_sd_c"  # not known if below what steps can show
 LATEST: Final = datetime.max.replace(tzinfo=UTC)
 Floats = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """One metric of one port, a point for each run. `values` are the known ones, oldest first."""
+    """One metric of one port, a point per run. `values` are the known ones, oldest first."""
 
     station: str
     port: int
@@ -88,7 +88,7 @@ class Trend:
 
     @property
     def signals(self) -> list[tuple[str, str]]:
-        """The run and the sentence of each signal of the individuals chart."""
+        """Run and sentence of each signal of the individuals chart."""
         if isinstance(self.chart, spc.Refused):
             return []
         return [
@@ -98,7 +98,7 @@ class Trend:
 
 
 def metric_unit(metric: str) -> str:
-    """Return the unit of a metric. Raises `UsageError` for an unknown name, with close ones."""
+    """Return the unit of a metric. Raises `UsageError` for an unknown name, with suggestions."""
     found = next((one.unit for one in DEFINITIONS if one.name == metric), None)
     if found is None:
         names = [one.name for one in DEFINITIONS]
@@ -115,7 +115,7 @@ def not_a_metric(name: str, names: Iterable[str]) -> str:
 
 
 def title_of(metric: str) -> str:
-    """Return the name of a metric as words without its unit: ``idle error``."""
+    """Return the name of a metric as words without the unit: ``idle error``."""
     return UNIT_AT_END.sub("", metric).replace("_", " ")
 
 
@@ -132,8 +132,9 @@ def trends(
     lower: float | None = None,
     upper: float | None = None,
 ) -> list[Trend]:
-    """Return a trend for each station and port. Raises `UsageError` for an unknown metric or
-    impossible limits.
+    """Return a trend for each station and port.
+
+    Raises `UsageError` for an unknown metric or impossible limits.
     """
     unit = metric_unit(metric)
     expect_limits(lower, upper)
@@ -146,7 +147,7 @@ def trends(
 
 
 def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int], list[Point]]:
-    """Return the points of each station and port, in the order of their runs' starts."""
+    """Return the points of each station and port, ordered by the starts of the runs."""
     found: dict[tuple[str, int], list[Point]] = {}
     names = {metric, SPREAD} if metric in MEANS else {metric}
     measured = [(_started(run), run, rows) for run, rows in runs.metric_rows(station, names)]
@@ -178,12 +179,12 @@ def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:
 def _started(run: Found) -> datetime | None:
     if run.started is None:
         return None
-    began = datetime.fromisoformat(run.started)  # a `Timestamp` takes far longer
+    began = datetime.fromisoformat(run.started)  # a `Timestamp` is far slower
     return began.replace(tzinfo=UTC) if began.tzinfo is None else began.astimezone(UTC)
 
 
 def expect_limits(lower: float | None, upper: float | None) -> None:
-    """Raise `UsageError` for limits that are not finite, or of which the lower one is not below the
+    """Raise `UsageError` for limits that are not finite, or a lower limit that is not below the
     upper one.
     """
     for name, value in (("--lower", lower), ("--upper", upper)):
@@ -239,7 +240,9 @@ def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
 def _changes(
     names: Iterable[str], found: dict[str, Found], station: str, port: int
 ) -> Iterable[str]:
-    """Yield a sentence for each run whose recipe or named tip is not that of the run before."""
+    """Yield a sentence for each run whose recipe or named tip differs from that of the run
+    before.
+    """
     before: tuple[Sequence[str], Sequence[str]] | None = None
     for name in names:
         one = found[name]
@@ -258,7 +261,7 @@ def _changes(
 
 
 def tips_of(tips: Sequence[str], station: str, port: int) -> tuple[str, ...]:
-    """Return a run's tips named for this port, else for its station, else for all of it."""
+    """Return the tips that a run names for this port, else for its station, else for the run."""
     for prefix in (f"{station}:{port}=", f"{station}="):
         named = tuple(text.removeprefix(prefix) for text in tips if text.startswith(prefix))
         if named:

@@ -67,11 +67,11 @@ def signals_text(signals: Sequence[object]) -> str:
 
 
 def capability_text(found: spc.Capability | spc.Refused, each: str = "run") -> str:
-    """Return the capability indices with bounds, or why there are none. `each`: what a value is."""
+    """Return the capability indices with bounds, or why there are none. `each`: kind of a value."""
     if isinstance(found, spc.Refused):
         return f"none. {found.text}"
     named = (("Cp", found.cp), ("Cpk", found.cpk), ("Pp", found.pp), ("Ppk", found.ppk))
-    # otherwise Cp and Cpk are the same
+    # otherwise Cp and Cpk are equal
     shown = named if found.distribution == "normal" else named[2:]
     indices = [
         f"{name} {index.value:.2f} (at least {index.bound:.2f})"
@@ -133,8 +133,8 @@ def capability_facts(found: spc.Capability | spc.Refused | None) -> dict[str, ob
 
 
 def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
-    """Return an HTML page without external resources: definition, chart, results, every value."""
-    from jbclog.analysis.figures.canvas import svg_text  # loads matplotlib
+    """Return an HTML page without external resources: definition, chart, results, all values."""
+    from jbclog.analysis.figures.canvas import svg_text  # imports matplotlib
 
     results = "".join(
         f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends

@@ -1,4 +1,4 @@
-"""Connects to one station of a line file outside of any run.
+"""Connects to one station of a line file outside of a run.
 
 ::
 
@@ -31,19 +31,20 @@ from jbclog.transport.port import Port
 from jbclog.transport.read_only import OnlyReads, ReadOnly
 
 T = TypeVar("T")
-# for further snapshots within the same second
+# suffixes for further snapshots within the same second
 NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))
 
 
 def target_in(path: Path, name: str) -> Target:
-    """Return the station of that name in the line file at `path`. Raises `Problems`, or
-    `UsageError` listing the names.
+    """Return the station of that name in the line file at `path`.
+
+    Raises `Problems`, or `UsageError` with the names that exist.
     """
     return target_of(load_line(path), name)
 
 
 def target_of(line: Line, name: str) -> Target:
-    """Return the station of that name. Raises `UsageError` listing the names."""
+    """Return the station of that name. Raises `UsageError` with the names that exist."""
     found = next((station for station in line.stations if station.name == name), None)
     if found is None:
         names = [station.name for station in line.stations]
@@ -59,7 +60,7 @@ def target_of(line: Line, name: str) -> Target:
 def ask(
     target: Target, steps: Steps[T], access: PortAccess = SYSTEM, *, may_write: bool = False
 ) -> T:
-    """Run `steps` on the target's port and return their result. The port accepts only reads, unless
+    """Run `steps` on the target's port and return their result. The port passes only reads, unless
     `may_write`.
 
     Raises `PortBusy` naming the run that holds the port, and whatever the steps raise.
@@ -77,7 +78,7 @@ def utc_of(moment: float, access: PortAccess = SYSTEM) -> str:
 def keep_snapshot(
     snapshot: Snapshot, before: str, path: Path | None, access: PortAccess = SYSTEM
 ) -> Path:
-    """Save a snapshot at `path`, or in the current folder under station and time, synced; return
+    """Save a snapshot, synced, at `path`, or in the current folder under station and time; return
     its path.
 
     Never overwrites a file. Raises `RecordError`.
@@ -100,7 +101,7 @@ def keep_snapshot(
 
 
 def _put(kept: bytes, free: list[Path]) -> Path:
-    """Write `kept` to the first of these paths that is free. Raises OSError."""
+    """Write `kept` to the first of these paths that is free. Raises `OSError`."""
     *others, last = free
     for path in others:
         with suppress(FileExistsError):
@@ -129,7 +130,9 @@ def _open(target: Target, only_reads: OnlyReads | None, access: PortAccess) -> P
 
 
 def _refuse_during_run(target: Target) -> None:
-    """A run keeps its stations while a cable is out, and behind servers with a second client."""
+    """Refuse during a run, which keeps its stations while a cable is out, and behind servers that
+    accept a second client.
+    """
     run = run_that_holds(target.url)
     if run is not None:
         raise _held(target, run)

@@ -1,4 +1,6 @@
-"""Scans several ports in parallel; writes a line file of the stations. Start with `search`."""
+"""Scans several ports in parallel; writes a line file of the stations found. Start with
+`search`.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,7 @@ def search(
     on_report: OnReport = lambda _: None,
     access: PortAccess = SYSTEM,
 ) -> list[PortReport]:
-    """Scan every url by its plan; return the reports in the order of `wanted`.
+    """Scan every URL by its plan; return the reports in the order of `wanted`.
 
     `on_report` is called in this thread with each report as it is done. Ctrl-C ends all scans
     within one response time.
@@ -102,7 +104,7 @@ def _open(report: PortReport, dial: ScanControl, access: PortAccess) -> Port:
 
 
 class _Counted:
-    """A port that counts in its report what was sent: the bytes that the system accepted."""
+    """A port that counts the bytes that the system accepted, in its report."""
 
     def __init__(self, port: Port, report: PortReport, line: LineFormat) -> None:
         self._report = report
@@ -146,7 +148,7 @@ def is_complete(reports: Sequence[PortReport]) -> bool:
 
 
 def _proposal(report: PortReport) -> str:
-    """Return a station of unknown model as comments: only a person can name its family."""
+    """Return a station of unknown model as comments, because only a person can name its family."""
     found = report.station
     if (
         found is None
@@ -202,15 +204,15 @@ def _table(name: str, url: str, found: StationFound, family: str) -> StationTabl
 
 
 def _ports(found: StationFound) -> tuple[int, ...] | None:
-    """Return the ports with a tool, as a run refuses a named port without one. If there is no tool
-    at all, those that answer.
+    """Return the ports with a tool, because a run refuses a named port without one. If there is no
+    tool at all, return those that answer.
     """
     with_tool = tuple(port for port, tool in found.tools.items() if tool not in NO_TOOL)
     return with_tool or tuple(found.tools) or None
 
 
 def lasting_url(url: str) -> str:
-    """Return a url that stays valid: a USB adapter by its own number, a path from the root."""
+    """Return a URL that stays valid: a USB adapter by its own number, a path from the root."""
     return lasting_name(os.path.abspath(url)) if is_path(url) else url  # noqa: PTH100  # a link stays a link
 
 

@@ -47,7 +47,7 @@ from jbclog.transport.system_ports import (
 
 @dataclass(frozen=True, slots=True)
 class Fine:
-    """Something in order, with the same `kind` and `where` as its finding would have."""
+    """A check without a finding; `kind` and `where` are those that its finding would have."""
 
     kind: str
     where: str
@@ -86,7 +86,7 @@ def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
 
 
 def clock_is_kept() -> bool | None:
-    """Return whether the kernel calls the clock synchronised; None where it does not report it."""
+    """Return whether the kernel calls the clock synchronised; None if it does not report it."""
     try:
         state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX_BYTES))
     except (OSError, AttributeError, TypeError):  # another system
@@ -104,7 +104,7 @@ def look_at_folder(out: Path) -> list[Looked]:
     """Check whether a run can be recorded below `out`, which need not exist."""
     folder = nearest(out)
     try:
-        _prove(folder)
+        _write_test_file(folder)
         free = shutil.disk_usage(folder).free
     except OSError as error:
         return [
@@ -123,7 +123,7 @@ def nearest(out: Path) -> Path:
     return next(place for place in (out.absolute(), *out.absolute().parents) if place.exists())
 
 
-def _prove(folder: Path) -> None:
+def _write_test_file(folder: Path) -> None:
     """Write, sync, rename and remove a file, as a run does."""
     probe = folder / f".jbclog-doctor-{os.getpid()}"
     try:
@@ -156,7 +156,7 @@ def _space(out: Path, free: int) -> Looked:
 # Nothing here opens a port.
 
 NONE_PLUGGED = "no USB serial port is connected"
-# of serial ports; other groups give more rights than that
+# groups of serial ports; other groups give more rights than that
 GROUPS = ("dialout", "uucp", "tty", "plugdev")
 RULES = "/etc/udev/rules.d/60-jbclog.rules"
 QUICK_MS = 2  # a timer up to this costs no rate
@@ -178,7 +178,7 @@ def look_at_usb_port(port: UsbPort) -> Looked:
 
 
 def look_at_holder(where: str, url: str) -> Looked | None:
-    """Return who has the port open: a run (fine), or another program; None if nobody has."""
+    """Return who has the port open: a run (fine), or another program; None if nobody."""
     run = run_that_holds(url)
     process = locker_of(url)
     run = run or (run_of(process) if process is not None else None)
@@ -199,7 +199,7 @@ def look_at_holder(where: str, url: str) -> Looked | None:
 
 
 def permission_step(device: Path) -> str:
-    """Return how this user gets access to `device`: by joining its group if that is one of serial
+    """Return how this user gets access to `device`: by joining its group if that is one for serial
     ports, else by a udev rule.
     """
     group = _group(device)
@@ -228,8 +228,8 @@ def _group(device: Path) -> str:
 
 
 def look_at_timer(where: str, device: str) -> ScanFinding | None:
-    """Check whether the adapter still delays answers after it was set not to; call it after the
-    port was opened.
+    """Check whether the adapter still delays answers after it was set not to; call after the port
+    was opened.
     """
     timer = latency_timer(device)
     try:
@@ -315,7 +315,7 @@ def _is_accepted(spec: StationSpec, report: PortReport, finding: ScanFinding) ->
 
 
 def _of_line(line: Line, spec: StationSpec, finding: ScanFinding) -> Looked:
-    """Convert a finding of a port to one of this station."""
+    """Convert a finding about a port to one about this station."""
     step = finding.step
     if finding.kind == "port.permission" and spec.is_device:
         step = permission_step(Path(spec.url))
@@ -461,7 +461,9 @@ def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
 def examine(
     line: Line | None, out: Path, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
 ) -> list[Looked]:
-    """Check this machine and `line`'s stations; without a line the USB ports, not opening them."""
+    """Check this machine and the stations of `line`; without a line, the USB ports, without opening
+    them.
+    """
     looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
     return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
 

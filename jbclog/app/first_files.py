@@ -1,4 +1,4 @@
-"""A first line file and its recipes, from what a person enters or a scan found. Opens nothing."""
+"""A first line file and its recipes, from user input or the result of a scan. Opens nothing."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ HEADING: Final = (
 
 
 class Kind(NamedTuple):
-    """Stations that one recipe can drive: the question for their temperature, its usual and allowed
-    values, and the sections.
+    """A kind of stations that share a recipe: the question for their temperature, its usual and
+    allowed values, and the sections.
     """
 
     name: str
@@ -79,7 +79,7 @@ def kinds_of(stations: Sequence[Described]) -> list[Kind]:
 
 
 def station(name: str, url: str, family: str) -> Described:
-    """Return a station as a person names it, with the usual line format of its family."""
+    """Return a station named by a person, with the usual line format of its family."""
     usual: dict[str, object] = {"baudrate": 9600, "address": False} if family == OMEGA else {}
     return (
         StationTable.model_validate({"name": name, "url": url, "family": family, **usual}),
@@ -90,8 +90,9 @@ def station(name: str, url: str, family: str) -> Described:
 def files(
     stations: Sequence[Described], name: str, celsius: Mapping[str, int], folder: Path
 ) -> Iterator[tuple[Path, str]]:
-    """Yield the line file, then its recipes, each as path and text. `celsius` is by the kinds'
-    names. Raises `Problems`.
+    """Yield path and text of the line file, then of its recipes. `celsius`: kind's name -> °C.
+
+    Raises `Problems`.
     """
     kinds = kinds_of(stations)
     paths = {

@@ -1,5 +1,5 @@
-"""How a command outside of a run opens ports and measures time: the system's way, or that of
-virtual stations.
+"""How a command outside of a run opens ports and measures time: the system's, or that of virtual
+stations.
 """
 
 from __future__ import annotations

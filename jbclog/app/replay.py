@@ -37,12 +37,12 @@ from jbclog.transport.virtual import VirtualDriver
 
 # -- recording -------------------------------------------------------------------------------------
 
-REPLAY_OF = "replay_of"  # the tag with the name of the recorded run
+REPLAY_OF = "replay_of"  # tag with the name of the recorded run
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A run with serial captures: its folder, its line, and the head of each capture."""
+    """A run with serial captures: its folder, its line, and the header of each capture."""
 
     folder: Path
     line: Line
@@ -56,14 +56,14 @@ class Recording:
 
     @property
     def first(self) -> Head:
-        """A head; the settings of the run are the same in all of them."""
+        """A header; the settings of the run are the same in all of them."""
         return next(iter(self.heads.values()))
 
     def recipe_path(self, station: str) -> Path:
         return recipe_copy(self.folder, self.heads[station].recipe)
 
     def ticks(self, station: str) -> RecordedGrid | None:
-        """Return a station's sampling grid on the recorder's clock; None if it is not known."""
+        """Return a station's sampling grid on the recorder's clock; None if not known."""
         facts = self.facts.get(station)
         if (
             facts is None
@@ -78,12 +78,12 @@ class Recording:
 
     @property
     def facts(self) -> Mapping[str, StationFacts]:
-        """The facts of the stations in the manifest, by name."""
+        """Facts of the stations in the manifest, by name."""
         return {one.name: one for one in self.manifest.stations} if self.manifest else {}
 
     @property
     def replay(self) -> Replay:
-        """The settings to record the run again: its rates, on grids with the same offsets."""
+        """Settings to record the run again: its rates, on grids with the same offsets."""
         known = [name for name in self.heads if self.ticks(name) is not None]
         first_tick = {name: self.facts[name].first_tick or 0 for name in known}
         return Replay(
@@ -114,14 +114,12 @@ class Recording:
 
     @property
     def doubts(self) -> list[str]:
-        """The parts of the recording that are missing or changed, a sentence each. Raises
-        `RecordError`.
-        """
+        """Missing or changed parts of the recording, a sentence each. Raises `RecordError`."""
         return sealed_files.doubts(self.folder, self.manifest)
 
     @property
     def manifest(self) -> Manifest | None:
-        """The manifest of the run; None if it wrote none."""
+        """Manifest of the run, or None."""
         return read_manifest(self.folder) if (self.folder / NAME).exists() else None
 
     @property
@@ -136,7 +134,7 @@ class Recording:
 
     @property
     def rates_hz(self) -> dict[str, float]:
-        """The resulting rate by station, if known."""
+        """Station -> resulting rate, if known."""
         return {
             name: round(1 / one.period_s, 9)
             for name, one in self.facts.items()
@@ -156,7 +154,7 @@ class Recording:
 
     @property
     def metadata(self) -> Metadata:
-        """The metadata of the run, with a tag for the replay."""
+        """Metadata of the run, with a tag for the replay."""
         tags = {REPLAY_OF: Path(os.path.realpath(self.folder)).name}
         if self.manifest is None:
             return Metadata(tags=tags)
@@ -180,8 +178,9 @@ def _sampled_s(facts: StationFacts) -> float | None:
 
 
 def open_recording(folder: Path) -> Recording:
-    """Return the recording in a run's folder. Raises `UsageError` without a capture, `RecordError`
-    if none is readable.
+    """Return the recording in a run's folder.
+
+    Raises `UsageError` without a capture, `RecordError` if none is readable.
     """
     paths = wire_paths(folder)
     if not paths:
@@ -193,8 +192,8 @@ def open_recording(folder: Path) -> Recording:
 
 
 def plan_of(recording: Recording) -> Plan:
-    """Return the plan of the recorded run. Raises `Problems` if line file or recipe are not valid
-    any more.
+    """Return the plan of the recorded run. Raises `Problems` if line file or recipe are no longer
+    valid.
     """
     head = recording.first
     wanted = RunOptions(
@@ -227,20 +226,21 @@ GRACE_S = 5.0  # for a diverged session after the end of its capture
 
 @dataclass(frozen=True, slots=True)
 class Again:
-    """The result of reproducing a run, and where sessions diverged from their captures."""
+    """Result of reproducing a run, and where sessions diverged from their captures."""
 
     result: Result
     left: Mapping[str, Divergence]
 
     @property
     def cut_off(self) -> list[str]:
-        """The stations whose captures ended before their sessions did."""
+        """Stations whose captures ended before their sessions did."""
         return [name for name, astray in self.left.items() if astray.is_cut_off]
 
 
 def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
-    """Reproduce the run and record it below `out`. Raises `RecordError` if that fails or a capture
-    cannot be read.
+    """Reproduce the run and record it below `out`.
+
+    Raises `RecordError` if that fails or a capture cannot be read.
     """
     clock = VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
     run_record = RunRecord(plan_of(recording), out, observer, clock)
@@ -257,7 +257,7 @@ def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """The comparison of a run with its reproduction. `was_cut`: the end of the run is not known
+    """Comparison of a run with its reproduction. `was_cut`: the end of the run is not known
     either.
     """
 
@@ -267,12 +267,12 @@ class Held:
 
     @property
     def counts(self) -> dict[str, tuple[int, int]]:
-        """By table: (compared, recorded) rows."""
+        """Table -> compared and recorded rows."""
         return {table: self.comparison.share(table) for table in TABLES}
 
     @property
     def compared(self) -> str:
-        """The number of compared rows by table, as text."""
+        """Number of compared rows by table, as text."""
         shares = (
             f"{compared} of {recorded} rows of {table}"
             for table, (compared, recorded) in self.counts.items()
@@ -281,14 +281,12 @@ class Held:
 
     @property
     def lacking(self) -> list[str]:
-        """The tables with fewer rows compared than recorded."""
+        """Tables with fewer rows compared than recorded."""
         return self.comparison.lacking if self.comparison.is_cut else []
 
     @property
     def uncompared(self) -> list[str]:
-        """The reasons why this is no proof: tables that were not compared, and captures shorter
-        than their run.
-        """
+        """Why this is no proof: tables that were not compared, captures shorter than their run."""
         if not self.comparison.rows:
             return ["nothing was compared: no row was decoded from the captures"]
         if not self.was_cut:
@@ -307,7 +305,7 @@ class Held:
 
     @property
     def is_same(self) -> bool:
-        """Whether everything recorded was reproduced; of a run that was cut off, everything in its
+        """Whether everything recorded was reproduced; for a run that was cut off, everything in its
         captures.
         """
         return not (self.comparison.differences or self.uncompared or self.left)
@@ -395,7 +393,7 @@ def serve(
     """Create ports in `folder` (or on TCP) behind which the recorded stations answer as they did.
 
     The line file in `folder` names the recipes of the run and the rates that it chose. Raises
-    `UsageError` where a link cannot be made.
+    `UsageError` if a link cannot be created.
     """
     specs = tuple(_served(recording, spec) for spec in recording.stations)
     stations = [station_of(recording, spec.name, HANDING_S) for spec in specs]

@@ -5,8 +5,8 @@
     runs that hold its ports -> SIGTERM, SIGKILL after 3 s -> all stations in parallel, `make_safe`
     on each
 
-A run that ends on SIGTERM makes its tools safe itself; after SIGKILL its guard does. The result is
-read back all the same: nothing counts as safe that was not read back.
+A run that ends on SIGTERM makes its tools safe itself; after SIGKILL its guard does. Either way the
+result is read back: nothing else counts as safe.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from jbclog.session.manual.contact import Target
 from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe, temperatures
 from jbclog.transport.port import Port
 
-TERM_S: Final = 3.0  # for a run to release the line (docs/reference/commands.md, jbclog safe)
+TERM_S: Final = 3.0  # time for a run to release the line (docs/reference/commands.md, jbclog safe)
 KILLED_S: Final = 2.0
 GUARD_S: Final = 6.0  # a guard that takes over is done by then
 LOOK_S: Final = 0.1
@@ -86,7 +86,7 @@ def make_line_safe(
 
 
 def _one(made: StationMadeSafe, access: PortAccess) -> None:
-    """Try to connect to the station until `CONNECT_S` is over; the result is in `made`."""
+    """Try to connect to the station for `CONNECT_S`; the result is in `made`."""
     end = access.clock.monotonic() + CONNECT_S
     while True:
         try:
@@ -115,8 +115,8 @@ def _reason(error: JbclogError, target: Target) -> str:
 
 
 def close_leases(stations: Collection[StationMadeSafe]) -> list[Path]:
-    """Report the states that were read back to this user's runs that left these tools hot; return
-    the runs' folders.
+    """Report the states read back to this user's runs that left these tools hot; return the runs'
+    folders.
     """
     by_lease = partial(_seen, stations)
     return open_leases.close(
@@ -175,7 +175,7 @@ def _celsius(tool: MadeSafe) -> str:
 
 
 def _look_at_all(stations: Collection[StationMadeSafe], below_c: float, access: PortAccess) -> None:
-    """Read all stations in parallel; a port that hangs holds no other, and counts as not cold."""
+    """Read all stations in parallel; a port that hangs delays no other, and counts as not cold."""
     threads = [Thread(target=_look, args=(made, below_c, access), daemon=True) for made in stations]
     for made, thread in zip(stations, threads, strict=True):
         for tool in made.tools:
@@ -218,7 +218,7 @@ def end_runs(line: Line, report: Report) -> list[EndedRun]:
 def _end(
     folder: Path, recorder: _Recorder, urls: Collection[str], end: float, report: Report
 ) -> HowEnded:
-    if _lets_go(folder, recorder, urls, end - time.monotonic()):
+    if _releases_ports(folder, recorder, urls, end - time.monotonic()):
         how = HowEnded.ASKED
     else:
         report(f"the run {folder} still holds the line after {TERM_S:g} s; it is killed")
@@ -230,7 +230,9 @@ def _end(
     return how
 
 
-def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float) -> bool:
+def _releases_ports(
+    folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float
+) -> bool:
     """Return whether the run releases its ports or ends within `seconds`; sealing takes longer."""
     end = time.monotonic() + seconds
     while not recorder.is_gone_within(LOOK_S):
@@ -242,7 +244,9 @@ def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: 
 
 
 class _Recorder:
-    """The process that records the run in `folder`, by a descriptor: its id may be reused."""
+    """The process that records the run in `folder`, by a descriptor, because its id may be
+    reused.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -255,7 +259,8 @@ class _Recorder:
                 self._pid = self._descriptor = None
 
     def send(self, number: signal.Signals) -> None:
-        with suppress(OSError):  # ended already, or of another user: who holds the ports shows it
+        # it has ended, or belongs to another user: the holders of the ports show it
+        with suppress(OSError):
             if self._descriptor is not None:
                 signal.pidfd_send_signal(self._descriptor, number)
             elif self._pid is not None and recorder_of(self._folder) == self._pid:

@@ -1,7 +1,7 @@
-"""The command line: one file a verb. The only package that prints.
+"""The command line, a file per command. The only package that prints.
 
-Start with `app.py`, then `run.py`. A verb imports heavy packages when it runs, so its help stays
-fast; the program's own help loads none of them.
+Start with `app.py`, then `run.py`. A command imports heavy packages when it runs, so its help stays
+fast; the program's own help imports none of them.
 """
 
 import gc
@@ -14,8 +14,8 @@ __all__ = ["main"]
 def main() -> None:
     """Run the command `jbclog`.
 
-    The garbage collector begins with the command (`help.py`): what is loaded before stays. At the
-    end nothing is looked through once more, because the system takes all memory back.
+    The garbage collector starts with the command (`help.py`); modules imported before are never
+    collected. There is no collection at exit, because the system takes all memory back.
     """
     if is_shown():
         return

@@ -131,7 +131,7 @@ def _acknowledged(one: Figures) -> str:
 
 
 def _long(seconds: float) -> str:
-    """``12 s``, ``8.5 min``, ``31 h``."""
+    """Return ``12 s``, ``8.5 min``, ``31 h``."""
     return (
         f"{seconds:.3g} s"
         if seconds < 99.5

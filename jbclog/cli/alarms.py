@@ -96,7 +96,7 @@ def _show(run: Path, *, as_json: bool) -> None:
 
 
 def _wrong_annotations(run: Path) -> list[str]:
-    """Return what is wrong with the file of acknowledgements; nothing for an open run."""
+    """Return the errors of the file of acknowledgements; none for an open run."""
     from jbclog.core.errors import RecordError
     from jbclog.record.annotations import read
 

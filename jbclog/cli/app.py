@@ -26,7 +26,7 @@ NO_FILES: Final = b"error: too many open files for this process; raise the limit
 
 
 class Commands(Mapping[str, Any]):
-    """The commands by their names; each is loaded when it is looked up."""
+    """The commands by name, imported when they are looked up."""
 
     def __init__(self) -> None:
         self._loaded: dict[str, Any] = {}
@@ -47,7 +47,7 @@ class Commands(Mapping[str, Any]):
 
 
 def _load(name: str) -> Any:
-    """Return the command `name`: the function of that name in the module of that name."""
+    """Import the command `name`: the function of that name in the module of that name."""
     word = name.replace("-", "_")
     module = import_module(f"jbclog.cli.{word}")
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -90,7 +90,7 @@ def _main(
 
 
 def _note_thread_error(failed: threading.ExceptHookArgs) -> None:
-    # not loaded by --help; a command that has threads has loaded it
+    # not imported by --help; a command with threads has imported it
     from jbclog.cli.output import note_thread_error
 
     note_thread_error(failed)
@@ -99,8 +99,8 @@ def _note_thread_error(failed: threading.ExceptHookArgs) -> None:
 def main() -> None:
     """Run the command `jbclog`.
 
-    Memory can be refused once more while a refusal is handled. Ending then needs none: no exception
-    and no text are made.
+    Memory can be refused again while a refusal is handled. So the exit needs none: it creates no
+    exception and no text.
     """
     make_usable()
     leave_out_plugins()
@@ -113,5 +113,5 @@ def main() -> None:
     except OSError as error:
         if error.errno not in (errno.EMFILE, errno.ENFILE):
             raise
-        os.write(2, NO_FILES)  # what prints otherwise may not be loaded, and cannot be any more
+        os.write(2, NO_FILES)  # other ways to print may not be imported yet, and can no longer be
         sys.exit(Exit.RECORD)

@@ -140,7 +140,7 @@ def audit(
 
 
 def _lines(paths: Sequence[Path]) -> list[Line]:
-    """Return the lines. Raises `UsageError` where two files describe a line of the same name."""
+    """Return the lines. Raises `UsageError` if two files describe a line of the same name."""
     from jbclog.config.line import load_line
 
     lines = [load_line(path) for path in dict.fromkeys(paths)]
@@ -156,7 +156,6 @@ def _lines(paths: Sequence[Path]) -> list[Line]:
 
 
 def _tasks(path: Path | None) -> Sequence[Task]:
-    """Return the tasks of the file. Raises `Problems`."""
     if path is None:
         return ()
     from jbclog.config.tasks_file import load_tasks
@@ -165,7 +164,7 @@ def _tasks(path: Path | None) -> Sequence[Task]:
 
 
 def _findings(text: str | None) -> tuple[Finding, ...]:
-    """Return the findings that --fail-on names. Raises `UsageError`."""
+    """Return the findings named by --fail-on. Raises `UsageError`."""
     from jbclog.maintenance.fleet import USUAL, Finding
 
     if text is None:

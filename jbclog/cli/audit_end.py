@@ -39,7 +39,7 @@ SHOWN: Final = "work_h"
 
 
 def lines(audit: FleetAudit) -> list[str]:
-    """Return the headline and the table, a line a row."""
+    """Return the headline and the table, a line per row."""
     glance = overview_of(audit)
     several = len({one.line for one in audit.stations}) > 1
     rows = [
@@ -85,7 +85,7 @@ def _read(meter: Meter) -> str:
 
 
 def _below(row: DueRow) -> Iterator[tuple[str, str]]:
-    """Return pairs of label and text: first what to do, then what to check."""
+    """Yield label and text: first what to do, then what to check."""
     one = row.station
     yield from (
         (STATES[task.state][2], _task(task))
@@ -165,8 +165,8 @@ SIGNALLED = 128
 
 @dataclass(slots=True)
 class End:
-    """The result of an audit. `trouble`: errors of the ledger, of runs and of output files.
-    `stopped`: the signal that ended it. `notices` change no exit code.
+    """Result of an audit. `trouble`: errors of the ledger, of runs and of output files. `stopped`:
+    the signal that ended it. `notices` change no exit code.
     """
 
     audit: FleetAudit
@@ -178,7 +178,7 @@ class End:
 
     @property
     def code(self) -> int:
-        """The most severe exit code (docs/reference/exit-codes.md): 4, 3, a signal, 1."""
+        """Most severe exit code (docs/reference/exit-codes.md): 4, 3, a signal, 1."""
         asked = tuple(one for one in self.audit.stations if one.why != STOPPED)
         found = exit_code(replace(self.audit, stations=asked), self.fail_on)
         if self.trouble:

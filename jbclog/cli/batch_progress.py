@@ -57,7 +57,7 @@ def local(utc_s: float) -> str:
 
 
 def seconds(iso: str) -> float:
-    """Return a time of the journal in seconds since 1970, UTC."""
+    """Convert a time of the journal to seconds since 1970, UTC."""
     from datetime import datetime
 
     return datetime.fromisoformat(iso).timestamp()
@@ -67,7 +67,7 @@ def seconds(iso: str) -> float:
 
 
 def beginning(batch: PreparedBatch) -> Iterator[str]:
-    """Return whether the batch starts or resumes, and which jobs wait for a time."""
+    """Yield whether the batch starts or resumes, and which jobs wait for a time."""
     jobs = batch.state.jobs
     count = count_text(len(jobs), "job")
     if batch.is_new:
@@ -82,7 +82,7 @@ def beginning(batch: PreparedBatch) -> Iterator[str]:
 
 
 def intentions(batch: PreparedBatch) -> Iterator[str]:
-    """Return a line per job: its state and the next step."""
+    """Yield a line per job: its state and the next step."""
     width = max(len(name) for name in batch.state.jobs)
     for job, text in batch.next_steps():
         yield f"  {job.name:{width}}  {text}"
@@ -192,7 +192,7 @@ COLUMNS: Final = (
 
 
 class _Follower:
-    """The events of one job that are worth showing, as they arrive."""
+    """Events of one job that are worth showing, as they arrive."""
 
     def __init__(self, job_dir: JobDir) -> None:
         self.job_dir = job_dir
@@ -314,7 +314,7 @@ class Screen(Lines):
 
 
 def title(state: BatchState, following: Next) -> str:
-    """``2 of 9 jobs have ended; next smd-2 (dde-1: behind smd-1)``."""
+    """Return ``2 of 9 jobs have ended; next smd-2 (dde-1: behind smd-1)``."""
     ended = sum(job.is_over for job in state.jobs.values())
     text = f"{ended} of {len(state.jobs)} jobs have ended"
     if not following.wait:

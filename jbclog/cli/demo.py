@@ -114,7 +114,7 @@ def _shown(result: Result) -> dict[str, bool]:
         "all stations recorded to the end": all(
             facts.outcome == StationOutcome.COMPLETED for facts in stations.values()
         ),
-        # more than once where the computer was busy and answers were late
+        # more than once if the computer was busy and answers were late
         f"{DROPPED} disconnected for 3 s and reconnected": bool(dropped and dropped.outages),
         f"{OVERHEATED} raised a high-temperature alarm": bool(overheated and overheated.alarms),
         "all tools confirmed in their safe state": all(

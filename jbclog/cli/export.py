@@ -24,7 +24,7 @@ MANY_SHEET_ROWS: Final = 1_048_575
 
 
 class Format(StrEnum):
-    """The formats, by the names of --to."""
+    """Formats, by the names of --to."""
 
     CSV = "csv"
     XLSX = "xlsx"
@@ -38,7 +38,7 @@ MODULES: Final = {
     Format.MF4: "jbclog.app.export.mdf",
     Format.QDAS: "jbclog.app.export.qdas",
 }
-"""Each has a function `write`; the libraries of two of them are the extra `export`."""
+"""Modules with a function `write`; the libraries of two of them are the extra `export`."""
 FOLDERS: Final = (Format.CSV, Format.QDAS)
 
 
@@ -98,7 +98,7 @@ def export(
 
 
 def _writer(to: Format) -> Callable[[Source, Path], dict[str, int]]:
-    """Return what writes a format. Raises `UsageError` where its library is not installed."""
+    """Return the writer of a format. Raises `UsageError` if its library is not installed."""
     try:
         write: Callable[[Source, Path], dict[str, int]] = import_module(MODULES[to]).write
     except ModuleNotFoundError as error:

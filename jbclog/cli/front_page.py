@@ -1,5 +1,5 @@
-"""The page of ``jbclog --help``, without the library that parses the command line: to load that
-takes longer than all of this. `app.py` makes the same page by that library for everything else.
+"""The page of ``jbclog --help``, without the command-line library, whose import takes longer than
+all of this. For everything else `app.py` makes the same page with the library.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ COMMANDS = {
         "maintenance": "Record maintenance done on a station, or list it.",
     },
 }
-"""Groups of commands, with the first sentence of each: `--help` loads none of them."""
+"""Groups of commands, with the first sentence of each, because `--help` imports none of them."""
 
 WIDEST, NARROWEST = 80, 50
 
@@ -79,7 +79,7 @@ def is_shown() -> bool:
     make_usable()
     try:
         print(page(_name(), shutil.get_terminal_size().columns), flush=True)
-    except OSError:  # nobody reads it, or the disk is full: as with any other output
+    except OSError:  # closed by its reader, or the disk is full: as with any other output
         return False
     return True
 
@@ -91,7 +91,7 @@ def _name() -> str:
 
 
 def page(name: str, columns: int) -> str:
-    """Return the page for a program called `name` on a terminal of so many columns."""
+    """Return the page for a program called `name` on a terminal of this many columns."""
     width = max(min(columns, WIDEST) - 2, NARROWEST)
     about = [
         fill(text, width, initial_indent="  ", subsequent_indent="  ")

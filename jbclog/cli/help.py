@@ -1,4 +1,4 @@
-"""Help as people read it: commands in groups, values by their names alone."""
+"""Help for people: commands in groups, option values without Python types."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 WrongUsage: Any = typer.BadParameter.__bases__[0]  # typer does not export it
-MOST_ECHOED: Final = 1000  # characters of a message that repeats what was typed
+MOST_ECHOED: Final = 1000  # characters of a message that repeats user input
 
 
 @contextmanager
 def cleaned_errors() -> Iterator[None]:
-    """Clean the message of an error that the parser of the command line raises: it repeats what was
-    typed, or pasted.
-    """
+    """Clean the message of an error of the command-line parser, because it repeats user input."""
     try:
         yield
     except WrongUsage as error:
-        from jbclog.core.text import clean, shortened  # not loaded by --help
+        from jbclog.core.text import clean, shortened  # not imported by --help
 
         text = shortened(clean(error.format_message()), MOST_ECHOED)
         error.format_message = lambda: text
@@ -30,7 +28,7 @@ def cleaned_errors() -> Iterator[None]:
 
 
 class Program(TyperGroup):
-    """A program with its commands listed in `groups`: their names, and a sentence on each."""
+    """A program with its commands listed in `groups`: names, and a sentence on each."""
 
     groups: Mapping[str, Mapping[str, str]]
 
@@ -45,7 +43,7 @@ class Program(TyperGroup):
             return super().invoke(ctx)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names without loading the commands."""
+        """Return the names without importing the commands."""
         return list(self.commands)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -62,13 +60,15 @@ class Verb(TyperCommand):
     """A command whose help has no Python types or braces, and whose errors are JSON with --json."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse; print a wrong option or value as JSON, too, like any other error of a command."""
-        has_json = "--json" in args  # parsing takes the words out
+        """Parse; report a wrong option or value as JSON with --json, like any other error of a
+        command.
+        """
+        has_json = "--json" in args  # parsing consumes the words
         try:
             return super().parse_args(ctx, args)
         except WrongUsage as error:
             if has_json:
-                from jbclog.cli.output import echo_json  # not loaded by --help
+                from jbclog.cli.output import echo_json  # not imported by --help
 
                 echo_json(
                     {"error": "UsageError", "problems": [error.format_message()], "exit_code": 2}
@@ -76,7 +76,7 @@ class Verb(TyperCommand):
             raise
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command, with the garbage collector, without which `main` loads the program."""
+        """Run the command, with the garbage collector that `main` switched off while importing."""
         if not gc.isenabled():
             gc.freeze()
             gc.enable()

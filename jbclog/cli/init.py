@@ -103,7 +103,7 @@ def _scanned(access: PortAccess) -> list[Described]:
 
 
 def _entered(folder: Path) -> list[Described]:
-    """Ask for stations until there is no other."""
+    """Ask for stations until there are no more."""
     from jbclog.app.first_files import files, station
     from jbclog.core.errors import Problems
 
@@ -135,7 +135,7 @@ def _entered(folder: Path) -> list[Described]:
 
 
 def _answer(question: str, read: Callable[[str], T], usual: str | None = None) -> T:
-    """Ask until `read` takes the answer; an empty one is `usual`."""
+    """Ask until `read` accepts the answer; an empty one is `usual`."""
     answer: T = typer.prompt(question, default=usual, value_proc=read, err=True)
     return answer
 

@@ -106,7 +106,7 @@ def _learn(
 
 
 def _expect_each_once(runs: list[Path]) -> None:
-    """Raise `UsageError` for a run that is given twice: its joints would count twice."""
+    """Raise `UsageError` for a run given twice: its joints would count twice."""
     from jbclog.record.find_runs import Found, once, summary_of
 
     _, copies = once(one for one in map(summary_of, runs) if isinstance(one, Found))

@@ -1,5 +1,5 @@
-"""Loading what a command needs, without the garbage collector: what is loaded stays, and to look
-through it takes a twelfth of the time.
+"""Imports for commands, without the garbage collector: imported modules stay, and collections take
+a twelfth of the time.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from types import ModuleType
 
 @contextmanager
 def without_collector() -> Iterator[None]:
-    """Switch it off; what takes long within switches it on again itself."""
+    """Switch the collector off; long work within the block switches it on again itself."""
     gc.disable()
     try:
         yield
@@ -23,11 +23,11 @@ def without_collector() -> Iterator[None]:
 
 
 def leave_out_plugins() -> None:
-    """Keep pydantic from its plug-ins: those of other packages have no place in the checks of
+    """Keep pydantic from loading plug-ins of other packages, which have no place in checks of
     options and recipes.
 
-    To look for them opens a file of every installed package, and even where none is looked for,
-    the module that would loads what reads mails and archives. An empty one takes its place.
+    The search opens a file of every installed package, and its module imports parsers of mail and
+    archives even if nothing is searched. An empty module takes its place.
     """
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     none = ModuleType("pydantic.plugin._loader")
@@ -37,11 +37,11 @@ def leave_out_plugins() -> None:
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Load what draws, without the collector.
+    """Import the drawing libraries, without the collector.
 
     Matplotlib writes the list of its properties into the documentation of each kind of artist, a
-    quarter of its loading. Nobody reads that in a command. Nor does a command draw in three
-    dimensions, for which it loads five modules unless they cannot be had.
+    quarter of its import time, which no command needs. Nor does a command draw in three dimensions,
+    for which it imports five modules unless they are blocked.
     """
     flat = ModuleType("mpl_toolkits.mplot3d")
     flat.Axes3D = None  # type: ignore[attr-defined]

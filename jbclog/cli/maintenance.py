@@ -159,7 +159,6 @@ def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
 
 
 def _list(book: Book, station: str | None, *, as_json: bool) -> None:
-    """List the maintenance, oldest first."""
     from jbclog.maintenance.fleet_of_ledger import place_of
 
     place = None if station is None else place_of(station, book)

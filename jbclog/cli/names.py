@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jbclog.protocol.commands.family import Family
     from jbclog.session.manual.names import CommandFilter
 
-USUAL_LINE = Path("line.toml")  # for completion before --line is typed
+USUAL_LINE = Path("line.toml")  # used by completion before --line is typed
 NEGATIVE = re.compile(r"-\d+(\.\d+)?", re.ASCII)
 WIDEST = 100
 
@@ -28,7 +28,7 @@ Completions = list[tuple[str, str]]
 
 
 class _NamingCommand(Verb):
-    """A verb whose help lists names of commands, and whose values may be negative numbers."""
+    """A command whose help lists names of commands, and whose values may be negative numbers."""
 
     def get_help(self, ctx: typer.Context) -> str:  # type: ignore[override]  # the base's type is private to typer
         return "\n\n".join(
@@ -36,7 +36,7 @@ class _NamingCommand(Verb):
         )
 
     def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
-        # -5 is no option here
+        # -5 is not an option here
         ctx.ignore_unknown_options = any(NEGATIVE.fullmatch(word) for word in args)
         return super().parse_args(ctx, args)
 

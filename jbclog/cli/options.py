@@ -1,4 +1,4 @@
-"""Options shared by several verbs, and their conversion to values."""
+"""Options shared by several commands, and their conversion to values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def port_access(ctx: typer.Context) -> PortAccess:
-    """Return the port access that the caller set as the context's `obj`; else the system's."""
+    """Return the port access that the caller set as the context's `obj`, else the system's."""
     from jbclog.app.port_access import SYSTEM, PortAccess
 
     return ctx.find_object(PortAccess) or SYSTEM
@@ -33,8 +33,8 @@ NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by -
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder. Raises `RecordError` where its mount does not answer."""
-    from jbclog.core.foreign.files import expect_answer  # not loaded by --help
+    """Return whether `path` is a folder. Raises `RecordError` if its mount does not answer."""
+    from jbclog.core.foreign.files import expect_answer  # not imported by --help
 
     expect_answer(path)
     try:
@@ -44,20 +44,22 @@ def is_folder(path: Path) -> bool:
 
 
 def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder or a store, as readers take. Raises as `is_folder`."""
-    from jbclog.analysis.store.place import is_store  # not loaded by --help
+    """Return whether `path` is a folder or a store of runs. Raises as `is_folder`."""
+    from jbclog.analysis.store.place import is_store  # not imported by --help
 
     return is_store(path) or is_folder(path)
 
 
 def expect_file_place(option: str, path: Path | None) -> None:
-    """Raise `UsageError` if `path` is there and no regular file: writing to a pipe could block."""
+    """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could
+    block.
+    """
     if path is not None and path.exists() and not path.is_file():
         raise UsageError(f"{option} {path}: not a regular file (folder, pipe or device)")
 
 
 def expect_chart_place(plot: Path | None) -> None:
-    """Raise `UsageError` if --plot names no picture, or no place for a file."""
+    """Raise `UsageError` if --plot is not the name of a picture, or cannot be written."""
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
@@ -277,8 +279,9 @@ def metadata(
 
 
 def signed(what: str, by: str | None, reason: str | None) -> tuple[str, str]:
-    """Return author and reason of what stays for ever. Raises `UsageError` with all that is missing
-    or holds hidden characters.
+    """Return author and reason of a permanent entry.
+
+    Raises `UsageError` with everything that is missing or has hidden characters.
     """
     given = {"--by WHO": by or "", "--reason TEXT": reason or ""}
     missing = [option for option, text in given.items() if not text.strip()]
@@ -293,7 +296,7 @@ def signed(what: str, by: str | None, reason: str | None) -> tuple[str, str]:
 
 
 def check_text(option: str, text: str) -> None:
-    """Raise `UsageError` if `text` is too long or holds hidden characters."""
+    """Raise `UsageError` if `text` is too long or has hidden characters."""
     if len(text) > LONGEST_TEXT:
         raise UsageError(f"{option}: {len(text)} characters, at most {LONGEST_TEXT}")
     for sign in text:

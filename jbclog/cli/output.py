@@ -1,5 +1,5 @@
-"""Output of the verbs: data on stdout, notes on stderr, one JSON object with --json, errors without
-tracebacks.
+"""Output of the commands: data on stdout, notes on stderr, one JSON object with --json, errors
+without tracebacks.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MOST_SHOWN = 10_000  # characters of a line or cell; --json has all of it
 
 
 def shown(text: str) -> str:
-    """Return a text as it is shown: on one line, without hidden characters, of bounded length."""
+    """Return a text for display: on one line, without hidden characters, of bounded length."""
     if len(text) <= MOST_SHOWN and text.isprintable():
         return text
     return shortened(clean(text), MOST_SHOWN)
@@ -49,13 +49,13 @@ def echo(*lines: str) -> None:
 
 
 def echo_words(*lines: str) -> None:
-    """Print lines for people on stdout; wraps them between words on a terminal."""
+    """Print lines for people on stdout, wrapped between words on a terminal."""
     cleaned = [shown(line) for line in lines]
     _echo([wrapped(line) for line in cleaned] if sys.stdout.isatty() else cleaned, err=False)
 
 
 def note(*lines: str) -> None:
-    """Print lines for people on stderr; wraps them between words on a terminal."""
+    """Print lines for people on stderr, wrapped between words on a terminal."""
     cleaned = [shown(line) for line in lines]
     _echo([wrapped(line) for line in cleaned] if is_terminal() else cleaned, err=True)
 
@@ -70,13 +70,15 @@ def save_figure(figure: Figure, plot: Path) -> None:
 
 
 def note_unreadable(runs: Runs) -> None:
-    """Print a line for each run that could not be read and was not warned of."""
+    """Print a line for each unreadable run without a warning so far."""
     for one in runs.unreadable:
         note(f"{one.folder}: {one.why}")
 
 
 def note_copies(runs: Runs) -> None:
-    """Print a line for each of the first folders that do not count, as another one has the run."""
+    """Print a line for each of the first folders that do not count because another one has the
+    run.
+    """
     from jbclog.record.find_runs import copies_texts
 
     note(*copies_texts(runs.copies))
@@ -99,10 +101,10 @@ def echo_table(
 def table_lines(
     heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None
 ) -> list[str]:
-    """Return a table without borders, a line a row; a column but the last is at most `cut` cells
+    """Return a table without borders, a line per row; columns but the last are at most `cut` cells
     wide.
 
-    rich draws the same and takes 1 ms a row.
+    rich draws the same and takes 1 ms per row.
     """
     columns = [
         *zip_longest(
@@ -141,7 +143,7 @@ def _echo(lines: list[str], *, err: bool) -> None:
         return
     try:
         typer.echo("\n".join(lines), err=err)
-    except OSError:  # the reader is gone, or the disk is full
+    except OSError:  # the reader has closed it, or the disk is full
         point_to_null(2 if err else 1)
 
 
@@ -165,7 +167,7 @@ def is_terminal() -> bool:
 
 
 def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
-    """Wrap `verb`: an error ends it with one line and its exit code."""
+    """Wrap a command: an error ends it with one line and its exit code."""
 
     @wraps(verb)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -181,12 +183,12 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
         except typer.Exit:
             raise
         except typer.Abort as end:
-            if isinstance(end.__context__, KeyboardInterrupt):  # at a question
+            if isinstance(end.__context__, KeyboardInterrupt):  # at a prompt
                 raise typer.Exit(130) from None
             raise
         except Exception as error:
             if os.environ.get("JBCLOG_TRACEBACK") or _is_limit_of_files(error):
-                raise  # of files: `main` reports it
+                raise  # too many open files: `main` reports it
             text = (
                 f"internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see"
                 " where; please report it)"
@@ -202,7 +204,7 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
 
 
 def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning as one line; Python would add code and print foreign text as it is."""
+    """Print a warning as one line; Python would add code and print foreign text unchanged."""
     note(f"warning: {message}")
 
 
@@ -222,7 +224,7 @@ def note_thread_error(failed: threading.ExceptHookArgs) -> None:
             if is_limit
             else " (set JBCLOG_TRACEBACK=1 to see where)"
         )
-        with suppress(Exception):  # what cannot be written any more is not worth a traceback either
+        with suppress(Exception):  # if this cannot be written, a traceback cannot either
             note(f"error: {name} ended: {unexpected_error_text(failed.exc_value)}{hint}")
 
 

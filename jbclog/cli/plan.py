@@ -88,7 +88,7 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
 
 
 def _rate_facts(station: StationPlan) -> dict[str, object]:
-    """Return how its rate fits the link, and the best one."""
+    """Return how its rate fits the link, and the best rate."""
     from jbclog.session.rates import AS_AUTO
     from jbclog.session.scheduler import KEPT_BY_AUTO
 

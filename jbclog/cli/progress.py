@@ -56,7 +56,7 @@ COLUMNS: Final = (
     Column("coverage", is_number=True, dropped=4),
     Column("lost", is_number=True, dropped=1),
 )
-MOST_NOTES: Final = 3  # of reasons below the table
+MOST_NOTES: Final = 3  # reasons below the table
 UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 
@@ -71,7 +71,7 @@ def event_line(event: EventRow, job: str | None = None) -> str:
 
 
 class EventFilter:
-    """Passes the events to show; a safe state only after a report that the tool was not safe."""
+    """Selects the events to show; a safe state only after a report that the tool was not safe."""
 
     def __init__(self) -> None:
         self._unsafe: set[tuple[str | None, int | None]] = set()
@@ -177,8 +177,8 @@ class Screen(Lines):
 
 
 def goal_text(goal: Goal) -> str:
-    """``3 of 40 units``; ``17 of 200 joints so far``, which is provisional; ``to 200 joints``
-    before the first count.
+    """Return ``3 of 40 units``; ``17 of 200 joints so far``, which is provisional; ``to 200
+    joints`` before the first count.
     """
     if goal.reached is None:
         return f"to {goal.wanted} {goal.what}"
@@ -193,10 +193,10 @@ def coverage_text(due: int, obtained: int) -> str:
 
 
 def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tuple[str, ...]]:
-    """Return a row for each port of a recorded station; one row for a station that is not recorded.
+    """Yield a row for each port of a recorded station; one row for a station that is not recorded.
 
-    Alarms are counted per station, and stand in its first row. Lost are readings that were due and
-    not obtained. Joints are those that had ended some seconds ago.
+    Alarms are counted per station, in its first row. Lost are readings that were due and not
+    obtained. Joints are those that had ended some seconds ago.
     """
     alarms = str(context.facts.alarms or "")
     if context.facts.outcome != StationOutcome.RUNNING or not context.ports:
@@ -292,8 +292,8 @@ def observer(
     quiet: bool,
     known: Metadata | None = None,
 ) -> Lines:
-    """Return the live table on a terminal, lines elsewhere and with --json. `known`: what was said
-    about the run.
+    """Return the live table on a terminal, lines elsewhere and with --json. `known`: metadata
+    stated before the run.
     """
     printer = Printer(color)
     return Screen(printer, duration_s, known) if is_terminal() and not quiet else Lines(printer)

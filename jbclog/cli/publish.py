@@ -61,7 +61,7 @@ def publish(
     from jbclog.app.publish.follow import Follower
     from jbclog.app.publish.publisher import Publisher
 
-    os.nice(NICENESS)  # where the processors are busy, the recorder comes first
+    os.nice(NICENESS)  # on a busy machine the recorder comes first
     with Publisher(place) as publisher:
         if follow:
             _follow(Follower(publisher, path), as_json=as_json)
@@ -90,7 +90,7 @@ def _follow(follower: Follower, *, as_json: bool) -> None:
 
 
 def _print(those: Iterable[Outcome | Skipped | Trouble], *, as_json: bool) -> int:
-    """Print what became of each run; return how many were refused."""
+    """Print the outcome of each run; return how many were refused."""
     from jbclog.app.publish.folder import Skipped
     from jbclog.app.publish.follow import Trouble
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 NAME_WIDTH = 40
 
-COMMAND_CLASS = ReadCommand  # `app.py` makes the command of it
+COMMAND_CLASS = ReadCommand  # used by `app.py`
 
 
 @reports_errors
@@ -159,7 +159,7 @@ class _Named(_Seen):
 
 
 def _absent_text(reading: ReadResult) -> str:
-    """That the station does not have it, which an OMEGA says by silence."""
+    """Return that the station does not have the value; an OMEGA shows this by silence."""
     return (
         "unknown to this station (N 00004)"
         if reading.reason == "nak4"

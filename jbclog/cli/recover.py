@@ -49,7 +49,7 @@ def recover(
 
 
 def _lines(folder: Path, done: list[Recovery]) -> list[str]:
-    """Return a line for each run that was not finished already."""
+    """Return a line for each run that was not finished before."""
     from jbclog.record.recover import FINISHED
 
     lines = [one.text for one in done if not (one.is_safe and one.text.endswith(FINISHED))]

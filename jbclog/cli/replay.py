@@ -185,7 +185,7 @@ def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: 
 
     again = record_again(recording, out, _Silent())
     held = compare(recording, again)
-    left = [_astray_text(name, astray, recording) for name, astray in again.left.items()]
+    left = [_divergence_text(name, astray, recording) for name, astray in again.left.items()]
     if as_json:
         echo_json(
             {
@@ -241,7 +241,7 @@ def _print_held(held: Held) -> None:
         )
 
 
-def _astray_text(name: str, astray: Divergence, recording: Recording) -> str:
+def _divergence_text(name: str, astray: Divergence, recording: Recording) -> str:
     after = f"{astray.at_s - recording.first.t0_mono:.1f} s after the run's start"
     if astray.is_cut_off:
         return f"{name}: the recording ends {after}, before its session"

@@ -146,7 +146,8 @@ def record(
 
 def _report(result: Result) -> Path:
     with drawing():
-        from jbclog.report.write import write_report  # only now: it loads pandas and matplotlib
+        # only now, because it imports pandas and matplotlib
+        from jbclog.report.write import write_report
 
     return write_report(result.folder)
 
@@ -187,7 +188,7 @@ def _finding_lines(result: Result) -> list[str]:
 
 
 def _first_reason(result: Result) -> str:
-    """Return the most severe reason of the verdict, and the number of the others; nothing where
+    """Return the most severe reason of the verdict, and the number of the others; nothing if
     another finding explains it.
     """
     reasons = (
@@ -220,8 +221,9 @@ KEYBOARD: Final = 0
 
 
 def listed(name: str | None) -> list[str]:
-    """Return the serials of a regular file; none for a source that is read during the run. Raises
-    `UsageError`.
+    """Return the serials of a regular file; none for a source that is read during the run.
+
+    Raises `UsageError`.
     """
     from jbclog.transport.typed_lines import is_plain_file, lines_of_file
 
@@ -231,7 +233,7 @@ def listed(name: str | None) -> list[str]:
 
 
 def _serial(name: str, line: TypedLine) -> str:
-    """Return the serial. Raises `UsageError` if it is too long or holds hidden characters."""
+    """Return the serial. Raises `UsageError` if it is too long or has hidden characters."""
     if not line.is_clear or not line.is_whole:
         raise UsageError(
             f"--units {name}: {line.text:.60}: not a serial (too long, or hidden characters)"
@@ -304,7 +306,6 @@ def _severity(rule: RuleFacts) -> int:
 
 
 def _sentence(rule: RuleFacts) -> str:
-    """Return the rule's sentence without its place."""
     text = str(rule["text"])
     bare = text.removeprefix(f"Port {rule['port']}: ")
     return text if bare == text else bare[:1].upper() + bare[1:]
@@ -317,7 +318,7 @@ def _reason(result: str, sentence: str, rules: list[RuleFacts]) -> str:
 
 
 def _places(rules: Iterable[RuleFacts]) -> Iterator[str]:
-    """``dde-1 ports 1, 2``, ``ucr-1``."""
+    """Yield ``dde-1 ports 1, 2``, ``ucr-1``."""
     ports: dict[str, dict[str, None]] = {}
     for rule in rules:
         if rule["station"] is not None:

@@ -20,9 +20,9 @@ from jbclog.core.text import shortened
 if TYPE_CHECKING:
     from jbclog.record.find_runs import Found, Unreadable
 
-# characters of what was given at a start, which has at most 200; --json has all
+# characters of metadata, which have at most 200; --json has all
 MOST_TEXT: Final = 300
-WIDEST: Final = 30  # of a column on a terminal, in characters
+WIDEST: Final = 30  # widest column on a terminal, in characters
 HEADS: Final = (
     "started",
     "line",
@@ -36,10 +36,10 @@ HEADS: Final = (
     "run",
 )
 NOTHING: Final = "-"
-# judge.Verdict, which loads slowly
+# the values of `Verdict` (analysis/verdict/verdict.py), which is slow to import
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
-# of the manifest, which release 1 showed
+# states in the manifest, which release 1 showed
 OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 
@@ -133,7 +133,9 @@ def _expect_word(
 
 
 def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime | None:
-    """Return a day or time, UTC without a zone; with `is_end` a day's end. Raises `UsageError`."""
+    """Return a day or time, UTC if without a zone; with `is_end` a day's end. Raises
+    `UsageError`.
+    """
     if text is None:
         return None
     try:
@@ -187,7 +189,7 @@ def facts(run: Found) -> dict[str, object]:
 
 
 def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
-    """Return a run as a row of the table, with the unit that was searched for."""
+    """Return a run as a row of the table, with the unit searched for."""
     started = (run.started or NOTHING)[:16].replace("T", " ")
     texts = (
         run.line,

@@ -98,7 +98,9 @@ def safe(
 
 
 def _exit_code(stations: list[StationMadeSafe]) -> int:
-    """Return 5 if a tool is not confirmed safe, else 1 if one is not known below the limit."""
+    """Return 5 if a tool is not confirmed safe, else 1 if one is not known to be below the
+    limit.
+    """
     if not all(made.is_safe for made in stations):
         return Unsafe.exit_code
     return NOT_COLD if any(tool.is_cold is False for made in stations for tool in made.tools) else 0

@@ -120,7 +120,7 @@ def _turnaround_text(turnaround: Turnaround) -> str:
 
 
 def _sent_lines(reports: Iterable[PortReport]) -> Iterator[str]:
-    """Return each query sent, with its bytes, count and number of line formats."""
+    """Yield each query sent, with its bytes, count and number of line formats."""
     from jbclog.session.discovery.probe import question_text
 
     sent = _sent(reports)

@@ -1,7 +1,7 @@
 """The standard streams: open from the start, and non-blocking while a tool is hot.
 
-A caller may have closed a stream or use a locale without °C. A serial port must never get the
-number of a closed stream, or every note would be sent to the station.
+A parent process may have closed a stream or use a locale without °C. A serial port must never get
+the number of a closed stream, or every note would be sent to the station.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NUMBERS: Final = (0, 1, 2)
 
 
 def make_usable() -> None:
-    """Open the null device for each closed stream; write what cannot be encoded as escapes."""
+    """Open the null device for each closed stream; escape characters that cannot be encoded."""
     for number in _NUMBERS:
         _open_null_at(number)
     sys.stdin = sys.stdin or open(0, encoding="utf-8", closefd=False)  # noqa: SIM115  # it is the program's, to its end
@@ -61,10 +61,9 @@ def _open_null_at(number: int) -> None:
 
 
 # -- non-blocking output ---------------------------------------------------------------------------
-# A terminal stopped by Ctrl-S, or a pipe without a reader, must not block a verb that holds hot
-# tools. Such a verb calls
-# `never_wait`: a thread writes its output. What is not accepted within `END_S` after the end is
-# lost; the record has it all.
+# A terminal stopped by Ctrl-S, or a pipe without a reader, must not block a command that holds hot
+# tools. Such a command calls `never_wait`: a thread writes its output. Output that is not accepted
+# within `END_S` after the end is lost; the record has it all.
 
 WAITING_MOST: Final = 1 << 20  # bytes
 PIECE: Final = 512
@@ -72,11 +71,11 @@ END_S: Final = 2.0
 
 
 class NonblockingOutput(io.RawIOBase):
-    """Write to `descriptor` in a thread. `write` never blocks; `settle` does, for `END_S` in all.
+    """Writes to `descriptor` in a thread. `write` never blocks; `settle` does, for `END_S` in all.
 
-    Streams that lead to the same terminal or file share one object, so that their texts keep their
-    order: a live table on stderr would else be erased after data was written to stdout, and take
-    the data with it.
+    Streams on the same terminal or file share one object, so that their texts keep their order:
+    else a live table on stderr would be erased after data was written to stdout, and take the data
+    with it.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -100,7 +99,7 @@ class NonblockingOutput(io.RawIOBase):
         return True
 
     def write(self, data: Buffer, /) -> int:
-        """Queue `data`, or drop it if more than `WAITING_MOST` would wait."""
+        """Queue `data`, or drop it if more than `WAITING_MOST` would be queued."""
         taken = bytes(data)
         with self._changed:
             if self._size + len(taken) > WAITING_MOST:
@@ -136,13 +135,13 @@ def _write(descriptor: int, data: bytes) -> bool:
     try:
         while data:
             data = data[os.write(descriptor, data[:PIECE]) :]
-    except OSError:  # the reader is gone, or the disk is full
+    except OSError:  # the reader has closed it, or the disk is full
         return False
     return True
 
 
 def never_wait() -> None:
-    """Make stdout and stderr non-blocking; streams without a descriptor stay as they are."""
+    """Make stdout and stderr non-blocking; streams without a descriptor stay unchanged."""
     made: list[NonblockingOutput] = []
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)

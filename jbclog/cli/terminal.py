@@ -1,5 +1,5 @@
-"""What a terminal shows of time and severity: local time with its zone, and colours. Files and
-pipes get UTC, and no colour.
+"""Time and severity on a terminal: local time with its zone, and colours. Files and pipes get UTC,
+and no colour.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
 
-ASKED_BY: Final = ("FORCE_COLOR", "TTY_COMPATIBLE")  # variables by which rich colours files, too
+ASKED_BY: Final = ("FORCE_COLOR", "TTY_COMPATIBLE")  # variables with which rich colours files, too
 STYLES: Final = {Severity.WARNING: "yellow", Severity.ERROR: "red", Severity.CRITICAL: "bold red"}
 
 
@@ -44,7 +44,7 @@ def _may_color(color: Color) -> bool:
 
 
 class Printer:
-    """Prints lines on stderr, coloured by severity where it can; wraps them on a terminal."""
+    """Prints lines on stderr, coloured by severity if possible, wrapped on a terminal."""
 
     def __init__(self, color: Color) -> None:
         self._color = color
@@ -52,7 +52,9 @@ class Printer:
 
     @cached_property
     def console(self) -> Console:
-        """The console of stderr; not loaded for plain lines: a run's first sample would wait."""
+        """The console of stderr; not imported for plain lines, because a run's first sample would
+        wait.
+        """
         return console(self._color)
 
     def print(self, text: str, severity: Severity = Severity.INFO) -> None:
@@ -64,7 +66,7 @@ class Printer:
 
 
 def started_live(console: Console) -> Live:
-    """Return a started live display that leaves stdout alone: that is for data."""
+    """Return a started live display that leaves stdout alone, which is for data."""
     from rich.live import Live
 
     live = Live(
@@ -79,7 +81,7 @@ def started_live(console: Console) -> Live:
 
 
 class Column(NamedTuple):
-    """A column of a live table. On a narrow terminal columns go in the order of `dropped`; those
+    """A column of a live table. A narrow terminal drops columns in the order of `dropped`; those
     without it stay.
     """
 
@@ -131,7 +133,7 @@ def _fitting(
         one: gap + max(map(cell_len, (one.name, *(row[at] for row in rows))))
         for at, one in enumerate(columns)
     }
-    # these go before all others
+    # these are dropped before all others
     empty = {one for at, one in enumerate(columns) if not any(row[at] for row in rows)}
     first_out = sorted(
         (one for one in columns if one.dropped is not None),

@@ -129,7 +129,9 @@ def call(verb: str, target: Target, change: WriteRequest, line: Path) -> str:
 
 
 def exit_code(written: WriteResult) -> int:
-    """Return 5 for an order to rest or stop a motor not confirmed, else 3 if the write is not."""
+    """Return 5 for an order to rest or stop a motor that is not confirmed, else 3 if the write is
+    not.
+    """
     if written.is_fine:
         return FINE
     contact = _contact(written)
@@ -141,7 +143,7 @@ def exit_code(written: WriteResult) -> int:
 
 
 def _contact(written: WriteResult) -> Contact:
-    assert written.contact is not None  # made before anything is sent
+    assert written.contact is not None  # created before anything is sent
     return written.contact
 
 
@@ -172,7 +174,9 @@ def result(written: WriteResult) -> str:
 
 
 def _is_to_cool(written: WriteResult) -> bool:
-    """Return whether a tool was set to extractor: the status is the order, no proof of cooling."""
+    """Return whether a tool was set to extractor: the status is the order, not a proof of
+    cooling.
+    """
     contact, word = _contact(written), written.readback
     is_status = _command(written) is contact.family.command_of("status")
     return (
@@ -206,7 +210,7 @@ def _before(written: WriteResult) -> str:
 
 
 def notes(written: WriteResult, target: Target, change: WriteRequest, line: Path) -> Iterator[str]:
-    """Return what the user has to know or do next."""
+    """Yield what the user has to know or do next."""
     command = _command(written)
     contact = _contact(written)
     if (
@@ -261,7 +265,7 @@ def _unattended(written: WriteResult, target: Target, line: Path) -> str:
 
 
 def _cooling_not_seen(written: WriteResult, target: Target, line: Path) -> str:
-    """Warn that the tool may still heat: a station without an extractor may accept and show the
+    """Warn that the tool may still heat: a station without an extractor may accept and report the
     order all the same.
     """
     contact, place = _contact(written), written.place

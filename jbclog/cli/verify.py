@@ -78,8 +78,8 @@ def verify(
     expires = _date(due)
     given = Given(station, port, reading, instrument, expires, tip, by, limit, instrument_u, remark)
     access = options.port_access(ctx)
-    verified(given, Own(reading), access.now())  # report impossible values before anything is sent
-    own = _asked(target, port, access) if station_c is None else _typed(station_c)
+    verified(given, Own(reading), access.now())  # reject impossible values before anything is sent
+    own = _read_own(target, port, access) if station_c is None else _typed(station_c)
     kept, head = keep(out, verified(given, own, access.now()))
     _print(kept, head, target, line, out, as_json=as_json)
     if kept.result != "pass":
@@ -109,7 +109,7 @@ def _typed(celsius: float) -> Own:
     return Own(celsius)
 
 
-def _asked(target: Target, port: int, access: PortAccess) -> Own:
+def _read_own(target: Target, port: int, access: PortAccess) -> Own:
     """Read the station's own temperature, by queries only."""
     from jbclog.app.connection import ask
     from jbclog.maintenance.verification import own_of, unstable

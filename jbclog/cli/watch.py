@@ -60,7 +60,7 @@ def watch(
     """
     if not is_folder(path):
         raise UsageError(NO_FOLDER.format(path))
-    os.nice(NICENESS)  # where the processors are busy, the recorder comes first
+    os.nice(NICENESS)  # on a busy machine the recorder comes first
     if web:
         _serve(path, address, port, token)
     else:
@@ -113,14 +113,14 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
 
 
 def _run_until_signal(server: PageServer, opened: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM. The server raises the signal again when it has shut down,
-    which would kill this process.
+    """Serve until SIGINT or SIGTERM. After its shutdown the server raises the signal again, which
+    would kill this process.
     """
     ended: list[signal.Signals] = []
 
     def stop(number: signal.Signals) -> None:
         ended.append(number)
-        server.should_exit = True  # one that comes before the server listens to signals
+        server.should_exit = True  # a signal that arrives before the server handles signals
 
     with Signals((signal.SIGTERM,)) as signals:
         signals.notify(stop)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jbclog.session.manual.danger import Snapshot
     from jbclog.session.manual.write import WriteRequest
 
-COMMAND_CLASS = WriteCommand  # `app.py` makes the command of it
+COMMAND_CLASS = WriteCommand  # used by `app.py`
 
 
 @reports_errors

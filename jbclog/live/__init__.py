@@ -1,7 +1,6 @@
-"""Follows a run while it is recorded, from outside: without a lock, without writing, from any
-moment on.
+"""Follow a run while it is recorded, from another process, without locks or writes.
 
-Start with `follow`. What it gives is described in `states.py`; `view.py` has the rules for what
+Start with `follow`. The states it returns are in `states.py`; `view.py` has the rules for what
 counts as known and as normal.
 """
 

@@ -1,6 +1,4 @@
-"""What the events, settings and counters of a run say: alarms and problems that hold now, the unit
-on the bench.
-"""
+"""Alarms, problems and the unit on the bench, from the events, settings and counters of a run."""
 
 from __future__ import annotations
 
@@ -13,10 +11,10 @@ from jbclog.core.rows import EventRow, Severity
 from jbclog.live.states import Counter, NumberedEvent, Setting
 from jbclog.record.units import BEGIN, END
 
-MOST_EVENTS: Final = 1000  # that are kept for showing
+MOST_EVENTS: Final = 1000  # kept for display
 
 Place = tuple[str | None, int | None]
-"""Station and port; None: the whole run, the whole station."""
+"""Station and port. None means the whole run or all ports of the station."""
 
 ALARMS_BEGIN: Final = ("alarm.high", "alarm.low")
 ALARMS_END: Final = {"alarm.high.ended": "alarm.high", "alarm.low.ended": "alarm.low"}
@@ -55,16 +53,18 @@ PROBLEMS_END: Final = {
     "temperature.in_range": "temperature.out_of_range",
     "safety.safe_state": "safety.not_safe",
 }
-"""Kind of the end -> kind of the begin. A problem without an end holds until the run ends."""
+"""Event kind of the end -> event kind of the begin. A problem without an end lasts until the run
+ends.
+"""
 
 
 class EventHistory:
-    """Takes events in their order."""
+    """Collects events; they must be added in order."""
 
     def __init__(self) -> None:
         self.newest: collections.deque[NumberedEvent] = collections.deque(maxlen=MOST_EVENTS)
         self.unit: str | None = None
-        self.has_units = False  # serials are read during the run
+        self.has_units = False  # whether serials are read during the run
         self._alarms: dict[Place, dict[str, str]] = {}
         self._counts: collections.Counter[Place] = collections.Counter()
         self._problems: dict[Place, dict[str, str]] = {}
@@ -76,23 +76,23 @@ class EventHistory:
             self._add(row["seq"], _event(row, time, earliest))
 
     def alarms(self, place: Place) -> tuple[str, ...]:
-        """Return the texts of the alarms that hold at a place."""
+        """Return the texts of the alarms that are active at a place."""
         return tuple(self._alarms.get(place, {}).values())
 
     def alarms_so_far(self, place: Place) -> int:
-        """Return how many alarms of a station there were at a place, by its flags."""
+        """Return how many alarms the station's flags have raised at a place so far."""
         return self._counts[place]
 
     def problems(self, place: Place) -> tuple[str, ...]:
-        """Return the texts of the problems that hold at a place."""
+        """Return the texts of the problems that persist at a place."""
         return tuple(self._problems.get(place, {}).values())
 
     def is_link_lost(self, station: str) -> bool:
-        """Whether a station was reached no more, and not again since."""
+        """Whether the link to a station was lost and is not back."""
         return LINK_LOST in self._problems.get((station, None), {})
 
     def flags_lost_at(self, place: Place) -> int | None:
-        """Return when the answer with the alarm flags was lost last, UTC in µs."""
+        """Return when an answer with the alarm flags was last lost, UTC in µs."""
         return self._flags_lost.get(place)
 
     def _add(self, seq: int, event: EventRow) -> None:
@@ -123,13 +123,13 @@ def _event(row: dict[str, object], time: int, earliest: int | None) -> EventRow:
     more = {name: row[name] for name in names}
     try:
         severity = Severity(str(row["severity"]))
-    except ValueError:  # of a newer jbclog: shown as what needs a look
+    except ValueError:  # a kind of a newer jbclog: shown as needing attention
         severity = Severity.WARNING
     return EventRow(time, str(row["kind"]), severity, str(row["text"]), earliest=earliest, **more)  # type: ignore[arg-type]
 
 
 class SettingHistory:
-    """The newest readings of settings and counters of each station."""
+    """The newest readings of each station's settings and counters."""
 
     def __init__(self) -> None:
         self._settings: dict[str, dict[tuple[int | None, str | None, str], Setting]] = {}

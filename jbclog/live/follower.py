@@ -1,9 +1,11 @@
-"""Follows a run, or the newest run of a folder, for whoever shows it.
+"""Follows a run, or the newest run of a folder.
 
-with jbclog.live.follow("runs") as line:
-    for run in line.stream():
-        for port in run.ports:
-            print(port.station, port.port, port.condition, port.temperature)
+::
+
+    with jbclog.live.follow("runs") as follower:
+        for run in follower.stream():
+            for port in run.ports:
+                print(port.station, port.port, port.condition, port.temperature)
 """
 
 from __future__ import annotations
@@ -24,17 +26,18 @@ from jbclog.live.states import RunState
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME as MANIFEST
 
-EVERY_S: Final = 0.5  # a commit comes each 0.8 s, and nobody reads more than two states a second
-COMMITS_S: Final = 10.0  # since its last commit a run counts as being recorded
-MOST_RUNS: Final = 20  # the newest ones, among which a recorded one is searched for
+EVERY_S: Final = 0.5  # the recorder commits every 0.8 s
+COMMITS_S: Final = 10.0  # a run with a commit this recent counts as being recorded
+MOST_RUNS: Final = 20  # newest runs that are searched for one being recorded
 
 
 class Follower:
-    """Follows the run at `path`, or the newest run directly below it. Raises RecordError where
-    `path` is no folder.
+    """Follow the run at `path`, or the newest run directly below it.
 
-    Reads only, takes no lock, and may be stopped or killed at any step. Used by one thread at a
-    time. `joints`: a process of lowest priority counts the joints of each port.
+    Reads only, takes no lock, and may be stopped or killed at any step. Not thread-safe. `joints`
+    starts a process of the lowest priority that counts the joints of each port.
+
+    Raises `RecordError` if `path` is not a folder.
     """
 
     def __init__(
@@ -65,8 +68,9 @@ class Follower:
             self._run = None
 
     def poll(self) -> RunState | None:
-        """Return the run as it is now; None while the folder has no run. A newer run of the folder
-        takes the place of the last.
+        """Return the current state of the run, or None while the folder has no run.
+
+        Switches to a newer run of the folder as soon as there is one.
         """
         folder = self.path if self._is_run else current_run(self.path)
         if folder is not None and (self._run is None or self._run.folder != folder):
@@ -75,7 +79,7 @@ class Follower:
         return None if self._run is None else self._run.poll()
 
     def stream(self, every_s: float = EVERY_S) -> Iterator[RunState]:
-        """Yield the run again and again, `every_s` seconds apart."""
+        """Yield the state of the run every `every_s` seconds, without end."""
         while True:
             state = self.poll()
             if state is not None:
@@ -84,15 +88,16 @@ class Follower:
 
 
 def follow(path: str | os.PathLike[str] = "runs", *, joints: bool = False) -> Follower:
-    """Return a follower of the run at `path`, or of the newest run below it. Raises RecordError.
+    """Return a follower of the run at `path`, or of the newest run below it.
 
-    `joints`: count them too, in a process of lowest priority that ends with the follower.
+    `joints` also counts joints, in a process of the lowest priority that ends with the follower.
+    Raises `RecordError` if `path` is not a folder.
     """
     return Follower(path, joints=joints)
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is a run, by its name or its content."""
+    """Return whether a folder is a run, by its name or its content."""
     return (
         bool(RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name))
         or (folder / MANIFEST).exists()
@@ -100,8 +105,8 @@ def is_run(folder: Path) -> bool:
 
 
 def current_run(folder: Path) -> Path | None:
-    """Return the newest run below `folder` that is being recorded, else the newest one, by their
-    names; None without one.
+    """Return the newest run below `folder` that is being recorded, else the newest by name, else
+    None.
     """
     try:
         with os.scandir(folder) as entries:

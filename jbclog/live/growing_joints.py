@@ -1,9 +1,9 @@
-"""The joints of a run that is recorded, counted again and again at a small cost.
+"""Counts the joints of a run while it is recorded.
 
-The tips' models are identified in the rows through a batch (`identify`), which takes long, and
-stand until they are identified anew. In between each new row is looked at once (`count`). A port
-whose rows stand on no grid, or that has a feeder, is counted when models are identified. A joint
-that ended less than `ENDED_S` before its port's last row is not counted yet.
+Identifying the tips' models (`identify`) is slow, so they are reused until the next time. In
+between, `count` reads each new row once. A port without a sampling grid, or with a feeder, is
+counted only when models are identified. A joint counts once it ended `ENDED_S` before its port's
+last row.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from jbclog.record.parts import groups_of, part_paths, parts_through
 
 ENDED_S: Final = 1.5
 TRIES: Final = 5
-AT_ONCE: Final = 64  # batches: a commit of one station has few rows
+AT_ONCE: Final = 64  # batches read together: a commit of one station has few rows
 AGAIN_AND_AGAIN: Final = "was sealed again and again"
 
 
 class GrowingJoints:
-    """The run in `folder`. `identify` comes before `count`; both return a count."""
+    """Counts joints in `folder`. Call `identify` before `count`; both return a count."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -60,20 +60,20 @@ class GrowingJoints:
         self.close()
 
     def close(self) -> None:
-        """Forget the rows that were read."""
+        """Drop the rows read so far."""
         if self._store is not None:
             self._store.close()
         self._store, self._stepped_s = None, 0.0
         self._ports: dict[Key, GrowingPort] = {}
 
     def identify(self, through: int) -> Counted:
-        """Identify the models, and count, in the rows through a batch. Raises RecordError."""
+        """Identify the models in the rows up to a batch, and count. Raises `RecordError`."""
         counted, self._stations, self._identified, self._t0_utc = _found(self._folder, through)
         self.close()
         return counted
 
     def count(self, through: int) -> Counted:
-        """Count in the rows through a batch, with the models identified. Raises RecordError."""
+        """Count in the rows up to a batch, with the identified models. Raises `RecordError`."""
         began = time.monotonic()
         for _ in range(TRIES):
             try:
@@ -99,7 +99,7 @@ class GrowingJoints:
         return _port_count(key, found, why if port.rows else NOTHING_RECORDED)
 
     def _read(self, through: int) -> None:
-        """Read the rows that came since. Raises Sealed where some of them are in a part now."""
+        """Read the new rows. Raises `Sealed` if some of them have moved to a part."""
         if self._store is None:
             self._begin(through)
             return
@@ -139,7 +139,7 @@ class GrowingJoints:
 def _joined(
     store: StoreFollower, numbers: list[int], columns: list[str] | None = None
 ) -> Iterator[pa.Table]:
-    """Yield the rows of these batches, some batches together; None: all columns."""
+    """Yield the rows of these batches, several batches at once. `columns` None: all."""
     for first in range(0, len(numbers), AT_ONCE):
         read = [store.table(number) for number in numbers[first : first + AT_ONCE]]
         there = [one for one in read if one is not None]
@@ -149,16 +149,15 @@ def _joined(
 
 
 def count(folder: Path, through: int | None = None, *, is_last: bool = False) -> Counted:
-    """Count the joints of all ports through a batch, as the report does; None: all that is
-    committed. `is_last`: that is all.
+    """Count the joints of all ports up to a batch, as the report does; None: all committed rows.
 
-    Raises RecordError.
+    `is_last`: no more rows will come. Raises `RecordError`.
     """
     return _found(folder, through, is_last=is_last).counted
 
 
 class _Found(NamedTuple):
-    """What the rows through a batch show."""
+    """Joints found in the rows up to a batch."""
 
     counted: Counted
     stations: list[StationFacts]
@@ -193,7 +192,7 @@ def _found(folder: Path, through: int | None, *, is_last: bool = False) -> _Foun
 
 
 def _age_s(newest_s: float | None, t0_utc: float | None, stepped_s: float) -> float:
-    """Return the age of the newest counted row, without the steps of the wall clock."""
+    """Return the age of the newest counted row, corrected for steps of the wall clock."""
     if newest_s is None or t0_utc is None:
         return 0.0
     return max(time.time() - t0_utc - stepped_s - newest_s, 0.0)
@@ -214,20 +213,20 @@ def _port_count(key: Key, found: int, why: str | None) -> PortCount:
 
 @dataclass(frozen=True, slots=True)
 class OpenRows:
-    """The rows of the run in `folder` through the batch with the number `through` (None: all of
-    it), table by table: sealed parts first, then what only the live store has.
+    """The rows of an unfinished run up to the batch `through` (None: all), table by table: sealed
+    parts first, then the live store.
 
-    The run may be sealed meanwhile; `Sealed` then says that its rows must be read anew.
+    If the run is sealed while it is read, `Sealed` is raised and the rows must be read again.
     """
 
     folder: Path
     through: int | None
 
     def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
-        """Yield these columns of a table in order, in pieces. Raises Sealed, RecordError."""
+        """Yield these columns of a table in order, in pieces. Raises `Sealed`, `RecordError`."""
         store = StoreFollower(self.folder)
         try:
-            # before the parts, so that no row moves between them unseen
+            # before the parts, so that no row moves from store to part unseen
             batches = store.refresh(self.through)
             parts = part_paths(self.folder, table)
             sealed = parts_through(parts)

@@ -1,5 +1,5 @@
-"""Whether a recorder lives, and what its clock shows now, by the time that it writes into its lock
-with each commit.
+"""Whether a recorder is alive, and its clock, from the time it writes into its lock file with each
+commit.
 """
 
 from __future__ import annotations
@@ -8,26 +8,26 @@ from typing import Final
 
 from jbclog.core.clock import Clock
 
-ALIVE_S: Final = 1.5  # between two commits a recorder takes 0.8 s
+ALIVE_S: Final = 1.5  # a recorder commits every 0.8 s
 DELAYED_S: Final = 3.0
 
 
 class Heartbeat:
-    """`see` takes when the last commit began, in seconds since 1970 UTC by the recorder's clock,
-    and how long it took, at each poll.
+    """Tracks a recorder's commits. `see` takes, at each poll, the begin of the last commit (seconds
+    since 1970 UTC, recorder's clock) and its duration.
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._commit_s: float | None = None
-        self._base_s = 0.0  # the recorder's clock when `_commit_s` was seen first
+        self._base_s = 0.0  # the recorder's clock when `_commit_s` was first seen
         self._seen_at = clock.monotonic()
 
     def see(self, commit_s: float | None, took_s: float) -> None:
         if commit_s is None or commit_s == self._commit_s:
             return
         ended_s = commit_s + took_s
-        # of the first one only the wall clock says how old it is; a later one has just ended
+        # only the wall clock gives the age of the first commit; a later one has just ended
         self._base_s = max(ended_s, self._clock.utc()) if self._commit_s is None else ended_s
         self._commit_s, self._seen_at = commit_s, self._clock.monotonic()
 
@@ -40,12 +40,12 @@ class Heartbeat:
 
     @property
     def waited_s(self) -> float:
-        """Seconds since this follower last saw something new, or began."""
+        """Seconds since this follower started or last saw a new commit."""
         return self._clock.monotonic() - self._seen_at
 
     @property
     def is_alive(self) -> bool:
-        """Whether there was a commit just now; False does not mean that the recorder is dead."""
+        """Whether there was a commit just now. False does not prove that the recorder is dead."""
         age = self.age_s
         return age is not None and age < ALIVE_S
 

@@ -1,13 +1,12 @@
-"""Counts the joints of each port so far, for whoever follows a run or wants it to end: ``python -m
+"""Counts the joints of each port so far, in a process of its own: ``python -m
 jbclog.live.joint_counter RUN``.
 
-It finds them as the report does, in what is committed, without a lock (`growing_joints`). Models
-are identified, and counts made, of the record as it stood after certain commits, which depend on
-the run alone (`Schedule`): two processes that count the same run show the same numbers of the same
-age, whenever they were started. What all of this takes is bounded by a share of a core. Each count
-is a line (`joint_numbers.Counted`). A line on stdin asks for a count of everything now: `NOW`, or
-`LAST` when all rows are committed. The process ends after that count, when the run is finalized and
-counted, and when stdin is closed.
+Finds joints as the report does, in the committed rows, without a lock (`growing_joints`). When
+models are identified and joints counted depends on the run's commits alone (`Schedule`): two
+processes that count the same run show the same numbers at the same age, whenever they started. The
+CPU time is limited to a share of a core. Each count is written as a line (`joint_numbers.Counted`).
+A line on stdin requests a count of everything now: `NOW`, or `LAST` once all rows are committed.
+The process ends after `LAST`, when the run is finalized and counted, or when stdin is closed.
 """
 
 from __future__ import annotations
@@ -34,21 +33,21 @@ from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import RunState, read_manifest
 
 LOOK_S: Final = 1.0
-NO_COMMIT_S: Final = 5.0  # after which a run that stands still is counted to its end
-BATCH_S: Final = 0.67  # of a run; most commits, 0.8 s apart, have one, some more
-# Of a core for the models: `ALLOWED_S`, and a share of the run's time, the more of it the fewer
-# ports. With that of the counts between, and with what its follower takes, that is less than 3 %
-# for `MANY` ports; for more it grows with them.
+NO_COMMIT_S: Final = 5.0  # a run without commits for this long is counted to its end
+BATCH_S: Final = 0.67  # run time per batch: most commits, 0.8 s apart, have one batch, some more
+# Budget for the models, as a share of one core: `ALLOWED_S`, plus a share of the run's time that
+# falls with the number of ports. Together with the counts in between and the follower this is below
+# 3 % for up to `MANY` ports, and grows in proportion beyond.
 MANY: Final = 64
 ALLOWED_S: Final = 8.0
 MODEL_SHARES, COUNT_SHARES = (0.0035, 0.012), (0.0015, 0.006)
-# What identifying takes: for a port, and for each batch of its rows; less for those after the first
-# 20 minutes, as a model comes from 20 minutes at most.
+# CPU time to identify models: per port, and per batch of its rows. Batches after the first 20
+# minutes cost less, because a model uses at most 20 minutes.
 PORT_S, MODEL_S, ROWS_S, MODEL_BATCHES = 0.05, 1.8e-4, 2e-5, 1800
-SLOW: Final = 4  # times slower than that, a machine has its own schedule
-LATER, MOST_LATER = 1.25, 450  # times the batches of the models before; so many more at most
-FIRST, PORTS_WAIT = 16, 0.1  # batches before the first models; times the square of the ports
-COUNT_S: Final = 0.012  # what a count takes for a port: that is half a window of its rows
+SLOW: Final = 4  # on a machine this many times slower, the schedule depends on the machine
+LATER, MOST_LATER = 1.25, 450  # growth of the time to the next models, and its limit in batches
+FIRST, PORTS_WAIT = 16, 0.1  # batches before the first models, and batches per square of the ports
+COUNT_S: Final = 0.012  # CPU time of a count per port, for half a window of rows
 NICENESS: Final = 19
 STDIN: Final = 0
 
@@ -58,7 +57,7 @@ def main(arguments: list[str]) -> int:
     os.nice(NICENESS)
     pa.set_cpu_count(1)  # the recorder needs the cores
     pa.set_io_thread_count(1)
-    warnings.simplefilter("ignore")  # of damage: missing data is not counted
+    warnings.simplefilter("ignore")  # about damage: missing data is not counted
     try:
         _count_until_final(Path(arguments[0]))
     except Exception as error:
@@ -75,7 +74,7 @@ def main(arguments: list[str]) -> int:
 def _count_until_final(folder: Path) -> None:
     counter, growth, asked = _Counter(folder), _Growth(), _Asked()
     while not (asked or asked.is_over or (folder / MANIFEST).exists()) and folder.is_dir():
-        asked.wait()  # the run begins
+        asked.wait()  # wait for the run to begin
     while not asked.is_over:
         last = commit_status(folder).last
         if asked or growth.has_ended(last):
@@ -90,8 +89,6 @@ def _count_until_final(folder: Path) -> None:
 
 
 class _Counter:
-    """Counts the joints of the run in `folder`."""
-
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._joints = GrowingJoints(folder)
@@ -103,14 +100,16 @@ class _Counter:
         self._joints.close()
 
     def everything(self, last: int, *, is_last: bool) -> Counted | None:
-        """Count what is committed, as the report does; None if done and no more will come."""
+        """Count all committed rows, as the report does; None once that is done and no more will
+        come.
+        """
         state = read_manifest(self._folder).state
         is_known = self._ended == last and not is_last and state != RunState.SEALED
         self._ended = last
         return None if is_known else count(self._folder, last or None, is_last=is_last)
 
     def scheduled(self, last: int) -> Counted | None:
-        """Count, if it is time."""
+        """Count if the schedule says so."""
         self._ended = None
         models, through = self._schedule.batches(last)
         if models and not self._models:  # ports are known some seconds after the run's begin
@@ -123,7 +122,7 @@ class _Counter:
         if models != self._models:
             began, is_first = time.process_time(), not self._models
             counted = self._joints.identify(models)
-            if not is_first:  # which loads much
+            if not is_first:  # imports heavy packages
                 self._schedule.took(time.process_time() - began)
         if through != models:
             counted = self._joints.count(through)
@@ -132,7 +131,7 @@ class _Counter:
 
 
 class _Asked:
-    """What was asked on stdin since the last look; `is_over`: nobody asks any more."""
+    """Requests on stdin since the last look. `is_over`: stdin is closed."""
 
     def __init__(self) -> None:
         self.words, self.is_over = b"", False
@@ -141,7 +140,7 @@ class _Asked:
         return bool(self.words)
 
     def wait(self) -> None:
-        """Wait `LOOK_S`, or until something is asked."""
+        """Wait `LOOK_S`, or until a request arrives."""
         self.words = b""
         if select.select([STDIN], [], [], LOOK_S)[0]:
             self.words = os.read(STDIN, 1 << 16)
@@ -149,20 +148,20 @@ class _Asked:
 
 
 class _Growth:
-    """Whether a run grows: one that has crashed has no further commits."""
+    """Detects that a run has stopped growing: a crashed one has no further commits."""
 
     def __init__(self) -> None:
         self._last, self._since = -1, 0.0
 
     def has_ended(self, last: int) -> bool:
-        """Return whether the number of the last batch stays the same for `NO_COMMIT_S`."""
+        """Return whether there was no new batch for `NO_COMMIT_S`."""
         if last != self._last:
             self._last, self._since = last, time.monotonic()
         return time.monotonic() - self._since >= NO_COMMIT_S
 
 
 class Schedule:
-    """When the joints of a run with so many ports are counted; the same for all who count it."""
+    """When to count the joints of a run with this many ports; the same in each counting process."""
 
     def __init__(self, ports: int) -> None:
         self._ports, self._slower = ports, 1.0
@@ -176,8 +175,9 @@ class Schedule:
         self._apart = math.ceil(COUNT_S * ports / count_share / BATCH_S)
 
     def batches(self, last: int) -> tuple[int, int]:
-        """Return the batches through which models are identified, and joints counted; `last` is the
-        newest one. 0: it is too early.
+        """Return the batches up to which to identify models and to count joints; 0: too early.
+
+        `last` is the newest batch.
         """
         while self._following <= last:
             spent_s = self._spent_s + self._slower * self.models_s(self._following)
@@ -190,11 +190,11 @@ class Schedule:
         return self._models, max(self._models, last - last % self._apart if self._models else 0)
 
     def took(self, models_s: float) -> None:
-        """Note how long the last models took, which matters only on a much slower machine."""
+        """Record how long the last identification took; matters only on a much slower machine."""
         self._slower = max(models_s / self.models_s(self._models) / SLOW, 1.0)
 
     def models_s(self, batch: int) -> float:
-        """Return what it takes to identify the models in the rows through a batch, s of CPU."""
+        """Return the CPU time, in s, to identify the models in the rows up to a batch."""
         each = MODEL_S * min(batch, MODEL_BATCHES) + ROWS_S * batch
         return self._ports * (PORT_S + each)
 

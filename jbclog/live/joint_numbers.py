@@ -1,7 +1,7 @@
-"""The number of joints of each port so far, counted by a process beside whoever watches.
+"""The number of joints of each port so far, from a process that counts them.
 
-Finding joints takes scipy and more computing time than recording or following a run, so
-`joint_counter` does it, at the lowest priority.
+Finding joints needs scipy and more CPU time than recording or following a run, so `joint_counter`
+does it in a process of the lowest priority.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class PortCount:
-    """A port's number of joints; None: not known, `why`. `found`: how many were found, which may
-    not be all.
+    """Number of joints of a port. `count` None: not known, for the reason `why`; `found` is then a
+    lower estimate that may include false ones.
     """
 
     station: str
@@ -46,9 +46,10 @@ class PortCount:
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """What the counting process writes as a line.
+    """A count, as the counting process writes it, one per line.
 
-    `age_s`: of the newest row that was counted. `took_s`: the count. `trouble`: it could not count.
+    `age_s`: age of the newest counted row. `took_s`: duration of the count. `trouble`: why counting
+    failed.
     """
 
     age_s: float = 0.0
@@ -59,12 +60,12 @@ class Counted:
 
     @property
     def found(self) -> int:
-        """How many joints were found on all ports; of a port not known there may be more."""
+        """Joints found on all ports; ports whose number is not known may have more."""
         return sum(port.found for port in self.ports)
 
     @property
     def not_known(self) -> list[PortCount]:
-        """The ports whose joints are not known."""
+        """Ports whose number of joints is not known."""
         return [port for port in self.ports if port.why not in (None, OF_TIPS_ONLY)]
 
 
@@ -74,8 +75,7 @@ _build_counted: Final = builder(Counted)
 class JointCounting:
     """The process that counts the joints of the run in `folder`; `close` ends it.
 
-    `latest` is its newest count. `why` is the reason why there will be no more, None while there
-    may be.
+    `latest` is its newest count. `why` is set when there will be no further count.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -89,7 +89,7 @@ class JointCounting:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is for whoever started it
+                start_new_session=True,  # Ctrl-C is for the parent
                 bufsize=0,
             )
             assert self._process.stdout is not None
@@ -98,20 +98,20 @@ class JointCounting:
             self.why = error.strerror or str(error)
 
     def poll(self) -> bool:
-        """Read what the process wrote; return whether there is a new count. Never waits."""
+        """Read the process's output without waiting; return whether there is a new count."""
         before = self.latest
         for line in self._lines():
             self._take(line)
         return self.latest is not before
 
     def ask(self, *, is_last: bool = False) -> None:
-        """Ask for a count now. `is_last`: all rows are committed."""
+        """Request a count now. `is_last`: all rows are committed."""
         if self._process is not None and self._process.stdin is not None:
-            with suppress(OSError):  # that it has ended is seen when it is read
+            with suppress(OSError):  # `poll` notices that the process has ended
                 self._process.stdin.write(LAST if is_last else NOW)
 
     def last(self, most_s: float) -> Counted | None:
-        """Count a run whose rows are all committed, waiting `most_s` at most. None: `why`."""
+        """Count a run whose rows are all committed, within `most_s` seconds. None: see `why`."""
         self.ask(is_last=True)
         end = time.monotonic() + most_s
         while self.why is None and not self._is_final:
@@ -167,8 +167,8 @@ class JointCounting:
 
 
 class JointNumbers:
-    """The joints of the run in `folder`, for whoever shows them. `look` never waits; `close` ends
-    the process that counts.
+    """Current joint numbers of the run in `folder`. `look` never waits; `close` ends the counting
+    process.
     """
 
     def __init__(self, folder: Path, clock: Clock) -> None:
@@ -178,7 +178,7 @@ class JointNumbers:
         self._asked_at_end = False
 
     def look(self, *, has_ended: bool) -> Mapping[Key, Joints]:
-        """Return the latest numbers. `has_ended`: finalized, so a last count can be made."""
+        """Return the latest numbers. `has_ended`: the run is finalized, so request a last count."""
         if self._counting.poll():
             self._counted_at = self._clock.monotonic()
         if has_ended and not self._asked_at_end:
@@ -197,7 +197,7 @@ class JointNumbers:
 
     @property
     def not_counted(self) -> Joints:
-        """What holds for a port that the latest numbers lack."""
+        """The value for a port that the latest numbers do not have."""
         return (
             NOT_COUNTED
             if self._counting.why is None

@@ -1,4 +1,4 @@
-"""Follows one run: reads what its record gains, and describes the run at a moment. Start with
+"""Follows one run: reads new rows of its record and returns its state. Start with
 `RunFollower.poll`.
 """
 
@@ -28,10 +28,10 @@ from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, facts_in, merged_facts, read_manifest
 from jbclog.record.parts import group_of, groups_of, part_paths, parts_through
 
-NEWEST_BATCHES: Final = 90  # of samples: more than a minute of commits
-NEWEST_GROUPS: Final = 2  # of a sealed run: more than 32 000 rows
-EARLIER_S: Final = 0.1  # of computing for older rows at each poll
-STARTING_S: Final = 5.0  # from the creation of a folder to its first commit
+NEWEST_BATCHES: Final = 90  # batches of samples: more than a minute of commits
+NEWEST_GROUPS: Final = 2  # row groups of a sealed run: more than 32 000 rows
+EARLIER_S: Final = 0.1  # CPU time for older rows at each poll
+STARTING_S: Final = 5.0  # longest time from the creation of a folder to its first commit
 TRIES: Final = 5
 STARTING: Final = "The run begins; nothing is recorded yet."
 CRASHED: Final = (
@@ -41,11 +41,11 @@ NOT_ALL_COMMITTED: Final = (Phase.STARTING, Phase.RECORDING, Phase.DELAYED)
 
 
 class RunFollower:
-    """The run in `folder`, from any moment on. It only reads, takes no lock, and may be stopped or
-    killed at any step.
+    """Follows the run in `folder`. Reads only, takes no lock, and may be stopped or killed at any
+    step.
 
-    Call `poll` about twice a second and `close` at the end. `clock` is for tests; `joints`: a
-    process counts the joints.
+    Call `poll` about twice a second and `close` at the end. `clock` is for tests; `joints` starts a
+    process that counts the joints.
     """
 
     def __init__(self, folder: Path, clock: Clock | None = None, *, joints: bool = False) -> None:
@@ -60,7 +60,7 @@ class RunFollower:
         self._begin()
 
     def _begin(self) -> None:
-        """Forget everything that was read."""
+        """Drop everything read so far."""
         self._store = StoreFollower(self.folder)
         self._facts: dict[str, StationFacts] = {}
         self._samples, self._events, self._settings = (
@@ -77,7 +77,7 @@ class RunFollower:
             self._joints.close()
 
     def poll(self) -> RunState:
-        """Read what is new; return the run as it is. Trouble with the record is a phase."""
+        """Read new rows and return the state of the run. Errors of the record become a phase."""
         status = commit_status(self.folder)
         self._heartbeat.see(status.since, status.took_s)
         try:
@@ -85,7 +85,7 @@ class RunFollower:
             self._read(status.last if phase in NOT_ALL_COMMITTED else None)
             phase, text = self._phase()
             if self._is_sealed and not self._is_from_parts:
-                self._read(None)  # sealed during the reading: the store may have lacked the end
+                self._read(None)  # sealed while reading: the store may have lacked the last rows
             self._trouble = ""
         except (RecordError, OSError) as error:
             phase, text, self._trouble = Phase.UNREADABLE, str(error), str(error)
@@ -108,13 +108,13 @@ class RunFollower:
         )
 
     def _stations(self) -> list[StationFacts]:
-        """Return what is known of each station, in the manifest's order; of an ended session the
-        manifest has the last word.
+        """Return the facts of each station in the manifest's order; those of an ended session come
+        from the manifest.
         """
         planned = [] if self._manifest is None else self._manifest.stations
         return merged_facts(planned, self._facts)
 
-    # -- where the run stands ----------------------------------------------------------------------
+    # -- phase -------------------------------------------------------------------------------------
 
     @property
     def _is_sealed(self) -> bool:
@@ -130,7 +130,7 @@ class RunFollower:
         return self._phase_of_lock() if is_alive else (Phase.CRASHED, CRASHED)
 
     def _phase_of_lock(self) -> tuple[Phase, str]:
-        """Return the phase of a run whose recorder lives."""
+        """Return the phase of a run whose recorder is alive."""
         age = self._heartbeat.age_s
         if self._store.is_closed:
             return Phase.FINALIZING, "The run has ended; its record is being finalized."
@@ -144,7 +144,7 @@ class RunFollower:
         )
 
     def _is_recorder_alive(self) -> bool:
-        """Test the lock only where nothing else shows it: even a test is a lock for a moment."""
+        """Test the lock only if nothing else answers: the test holds the lock for a moment."""
         if self._heartbeat.is_alive or (
             self._heartbeat.age_s is None and self._heartbeat.waited_s < STARTING_S
         ):
@@ -157,7 +157,7 @@ class RunFollower:
             ) from error
 
     def _read_manifest(self) -> None:
-        """Read the manifest if it was replaced, always as a whole. Raises RecordError."""
+        """Read the whole manifest if it was replaced. Raises `RecordError`."""
         try:
             there = (self.folder / MANIFEST).lstat()
         except OSError:
@@ -170,7 +170,7 @@ class RunFollower:
     # -- reading -----------------------------------------------------------------------------------
 
     def _read(self, through: int | None) -> None:
-        """Read what is new. Where batches have become sealed parts meanwhile, begin again."""
+        """Read new rows; begin again if batches have moved to sealed parts."""
         for _ in range(TRIES):
             try:
                 if self._is_sealed:
@@ -198,7 +198,7 @@ class RunFollower:
             self._add(table, self._store.table(number))
 
     def _read_first(self, new: list[tuple[int, str]]) -> None:
-        """Read the newest rows and all events; older samples come later."""
+        """Read the newest rows and all events; older samples follow in later polls."""
         parts = {table: part_paths(self.folder, table) for table in TABLES}
         sealed = {table: parts_through(paths) for table, paths in parts.items()}
         if (
@@ -219,7 +219,7 @@ class RunFollower:
         self._is_begun = True
 
     def _older(self, batches: list[int], parts: list[Path]) -> Iterator[pa.Table]:
-        """Yield older samples: those in the live store (sealed hourly), then the parts."""
+        """Yield older samples: first those in the live store (sealed hourly), then the parts."""
         for number in batches:
             table = self._store.table(number)
             if table is not None:
@@ -227,7 +227,7 @@ class RunFollower:
         yield from groups_of(parts)
 
     def _read_sealed(self) -> None:
-        """Read a finalized run once, from its parts."""
+        """Read a finalized run from its parts, once."""
         if self._is_from_parts:
             return
         self._store.close()
@@ -242,7 +242,7 @@ class RunFollower:
         self._is_begun = self._is_from_parts = True
 
     def _read_earlier(self) -> None:
-        """Read older samples for a while."""
+        """Read older samples for `EARLIER_S`."""
         until = time.monotonic() + EARLIER_S
         while self._is_begun and not self._is_whole and time.monotonic() < until:
             rows = next(self._earlier, None)
@@ -271,7 +271,7 @@ class RunFollower:
 
 
 def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:
-    """Return what is known of each station now. Raises RecordError."""
+    """Return the current facts of each station. Raises `RecordError`."""
     store = StoreFollower(folder)
     try:
         store.refresh(None)
@@ -281,7 +281,7 @@ def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:
 
 
 def _groups_in(parts: list[Path]) -> list[tuple[Path, int]]:
-    """Return part and number of each row group. Raises RecordError."""
+    """Return part and number of each row group. Raises `RecordError`."""
     found: list[tuple[Path, int]] = []
     for path in parts:
         try:

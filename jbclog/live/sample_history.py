@@ -1,6 +1,4 @@
-"""What the samples of a run say of each port: newest values and reasons, coverage, the last
-minute.
-"""
+"""Newest values, reasons, coverage and traces of each port, from the samples of a run."""
 
 from __future__ import annotations
 
@@ -22,19 +20,19 @@ TRACE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 MEAN_S: Final = 5.0
 MOST_MEANS: Final = round(HOUR_S / MEAN_S)
-MOST_POINTS: Final = 6_000  # of a trace: a minute at 100 Hz
+MOST_POINTS: Final = 6_000  # points of a trace: a minute at 100 Hz
 MAIN: Final = "temperature_c"
 POWER: Final = "power_permille"
-SAME: Final = 1e-9  # of a stretch: ticks times a period are not exact
+SAME: Final = 1e-9  # tolerance, as a share of an interval: ticks times a period are not exact
 
-WIDEST: Final = 1 << 32  # numbers of ports are smaller
+WIDEST: Final = 1 << 32  # above every port number
 
 Key = tuple[str, int]
 """Station and port."""
 
 
 class Moment(NamedTuple):
-    """Tick and time (UTC in µs) of a row. Later ticks are later, whatever the clock was set to."""
+    """Tick and time (UTC in µs) of a row. Ordered by tick, because the clock may be set."""
 
     tick: int
     time: int
@@ -58,7 +56,7 @@ class Points:
     def add(self, seconds: float, temperature: float | None, power: float | None) -> None:
         times = self._seconds
         if times and seconds <= times[-1]:
-            times.clear()  # the clock was set back, and there is no grid to go by
+            times.clear()  # the clock was set back, and there is no grid to order by
             self._temperatures.clear()
             self._powers.clear()
         times.append(seconds)
@@ -71,7 +69,9 @@ class Points:
         self._trace = None
 
     def trace(self) -> Trace:
-        """Return the points; the same object until there is a new one, as for most looks."""
+        """Return the points. Without a new point this is the same object, which saves most of the
+        work.
+        """
         if self._trace is None:
             self._trace = Trace(
                 tuple(self._seconds), tuple(self._temperatures), tuple(self._powers)
@@ -80,10 +80,10 @@ class Points:
 
 
 class Means:
-    """The means of each `MEAN_S` seconds of the last hour; rows may come in any order."""
+    """Means of each `MEAN_S` seconds of the last hour. Accepts rows in any order."""
 
     def __init__(self) -> None:
-        # by the number of the stretch: sum and count of temperature, of power
+        # interval number -> sum and count of temperature, sum and count of power
         self._sums: dict[int, list[float]] = {}
         self._last = 0
         self._trace: Trace | None = Trace()
@@ -91,7 +91,7 @@ class Means:
     def add(self, stretch: int, sums: Sequence[float]) -> None:
         if self._sums and stretch <= self._last - MOST_MEANS:
             return
-        # the last one is not shown before it is complete
+        # the last interval is not shown before it is complete
         if not self._sums or stretch != self._last:
             self._last = max(self._last, stretch) if self._sums else stretch
             self._trace = None
@@ -104,7 +104,7 @@ class Means:
             }
 
     def trace(self) -> Trace:
-        """Return the stretches that are complete; a stretch without a row has no value either."""
+        """Return the complete intervals; one without rows has no value."""
         if self._trace is None:
             known = [one for one in self._sums if self._last - MOST_MEANS < one < self._last]
             stretches = range(min(known), self._last) if known else range(0)
@@ -119,7 +119,7 @@ class Means:
 
 @dataclass(slots=True)
 class PortHistory:
-    """One port. `values` and `failures` (value: the reason) are the newest by column."""
+    """One port. `values` and `failures` (value: the reason) are the newest of each column."""
 
     newest: Last | None = None  # value: the row's quality
     values: dict[str, Last] = field(default_factory=dict)
@@ -131,15 +131,15 @@ class PortHistory:
 
 
 class SampleHistory:
-    """Takes tables of samples. `add` is for the newest rows, in order; `add_earlier` for older
-    ones, in any order.
+    """Collects tables of samples: `add` takes the newest rows in order, `add_earlier` older ones in
+    any order.
     """
 
     def __init__(self) -> None:
         self.ports: defaultdict[Key, PortHistory] = defaultdict(PortHistory)
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        """Add new rows. `periods`: seconds between each station's ticks, None: no grid."""
+        """Add new rows. `periods`: seconds between ticks of each station, None: no grid."""
         table = _Rows(rows, periods)
         self._add(table)
         columns = (rows[name].to_pylist() for name in ("station", "port", MAIN, POWER))
@@ -149,7 +149,7 @@ class SampleHistory:
             self.ports[station, port].points.add(second, temperature, power)
 
     def add_earlier(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        """Count rows, and take from them what is newer than what is known."""
+        """Add older rows: count them, and keep their values where nothing newer is known."""
         self._add(_Rows(rows, periods))
 
     def _add(self, table: _Rows) -> None:
@@ -195,7 +195,7 @@ def _newer(known: Last | None, new: Last) -> Last:
 
 
 class _Rows:
-    """Rows of samples, by the port that each belongs to."""
+    """Rows of samples, grouped by port."""
 
     def __init__(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
         self.rows = rows
@@ -222,13 +222,13 @@ class _Rows:
             yield self._key(code), Moment(tick, time), value
 
     def count(self, column: str) -> Iterator[tuple[Key, int]]:
-        """Yield how many values of a column each port has."""
+        """Yield the number of values in a column for each port."""
         codes, counts = np.unique(self._codes[self._read(column)], return_counts=True)
         for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
             yield self._key(code), count
 
     def sums(self, stretch_s: float) -> Iterator[tuple[Key, int, tuple[float, ...]]]:
-        """Yield sum and count of temperature and power for each port and stretch."""
+        """Yield sum and count of temperature and power for each port and interval."""
         if not len(self.rows):
             return
         ports, of_port = np.unique(self._codes, return_inverse=True)

@@ -1,11 +1,10 @@
 """Pages of a SQLite database that another process writes, read without any lock.
 
-A lock of SQLite that a stopped follower holds would keep the recorder's write-ahead log from being
-reused, and it would grow. So the pages are read as SQLite's file format describes them ("Database
-File Format", sections 1.3 and 4): of each page the newest committed frame of the log, else the page
-of the database file. That is one consistent state as long as the log was not begun anew meanwhile,
-because a checkpoint changes only pages that the log holds. `snapshot` reads again where that was
-not so.
+A stopped follower that holds a lock of SQLite would keep the recorder's write-ahead log from being
+reused, so that it grows without limit. So pages are read as "Database File Format" (sqlite.org,
+sections 1.3 and 4) describes: the newest committed frame of the log, else the page of the database
+file. This gives one consistent state unless the log was restarted meanwhile, because a checkpoint
+changes only pages that the log holds. `snapshot` then reads again.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from jbclog.core.foreign.files import Kind, open_foreign
 
 T = TypeVar("T")
 
-# magic, version, page size, sequence, two salts, two check sums
+# magic, version, page size, sequence, two salts, two checksums
 LOG_HEADER: Final = struct.Struct(">8I")
-# page, pages after a commit or 0, two salts, two check sums
+# page, pages after a commit or 0, two salts, two checksums
 FRAME_HEADER: Final = struct.Struct(">6I")
-# byte order of the check sums by the log's magic
+# magic of the log -> byte order of the checksums
 ORDERS: Final = {0x377F0682: "<", 0x377F0683: ">"}
 MAGIC: Final = b"SQLite format 3\0"
 PAGE_SIZES: Final = tuple(1 << power for power in range(9, 17))
@@ -34,11 +33,11 @@ TRIES: Final = 50
 
 
 class Malformed(Exception):
-    """The file is no database, or damaged."""
+    """The file is not a database, or is damaged."""
 
 
 class DatabasePages:
-    """The pages of the database at `path`. Raises OSError where it cannot be opened."""
+    """The pages of the database at `path`. Raises `OSError` if it cannot be opened."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -57,11 +56,11 @@ class DatabasePages:
         return _is_same_file(self._file, self.path)
 
     def is_empty(self) -> bool:
-        """Whether the file has no byte yet: SQLite writes the first page with the first commit."""
+        """Whether the file is empty: SQLite writes the first page with the first commit."""
         return os.fstat(self._file.fileno()).st_size == 0
 
     def snapshot(self, read: Callable[[DatabasePages], T]) -> T:
-        """Return what `read` returns of one committed state. Raises Malformed, OSError."""
+        """Return `read` of one committed state. Raises `Malformed`, `OSError`."""
         for _ in range(TRIES):
             self._refresh()
             try:
@@ -77,11 +76,11 @@ class DatabasePages:
 
     @property
     def usable(self) -> int:
-        """Bytes of a page that hold content."""
+        """Bytes of a page available for content."""
         return self._size - self._reserved
 
     def page(self, number: int) -> bytes:
-        """Return a page, numbered from 1. Raises Malformed where it is missing."""
+        """Return a page, numbered from 1. Raises `Malformed` if it is missing."""
         if number < 1:
             raise Malformed(f"page {number} cannot exist")
         at = self._frames.get(number)
@@ -95,7 +94,7 @@ class DatabasePages:
         return data
 
     def _refresh(self) -> None:
-        """Read what was added to the log."""
+        """Read new frames of the log."""
         self._from_file.clear()
         if self._log is None or not self._is_same_log():
             self._open_log()
@@ -105,7 +104,7 @@ class DatabasePages:
         self._read_frames()
 
     def _is_consistent(self) -> bool:
-        """Whether all pages since `_refresh` are of one committed state."""
+        """Whether all pages read since `_refresh` are of one committed state."""
         added = self._read_frames()
         # after the frames: they were of this log
         is_same_log = self._is_same_log() and self._log_header() == self._header
@@ -153,9 +152,9 @@ class DatabasePages:
         return os.pread(self._log.fileno(), LOG_HEADER.size, 0) if self._log else b""
 
     def _begin_log(self, header: bytes) -> None:
-        """Forget the frames so far; a log whose header is not valid has none."""
+        """Start a new log without frames; an invalid header makes all its frames invalid."""
         self._header = header
-        # page -> where its newest committed content begins in the log
+        # page -> offset in the log of its newest committed content
         self._frames: dict[int, int] = {}
         self._order: str | None = None
         self._next, self._log_page_size = LOG_HEADER.size, 0
@@ -188,8 +187,8 @@ class DatabasePages:
         return added
 
     def _frame(self, at: int, sums: tuple[int, int]) -> tuple[int, bool, tuple[int, int]] | None:
-        """Return the page, whether it is the last of a commit, and the check sums of a frame; None
-        for one that is not valid.
+        """Return a frame's page, whether it ends a commit, and its checksums; None if it is not
+        valid.
         """
         assert self._log is not None
         assert self._order is not None
@@ -205,7 +204,7 @@ class DatabasePages:
 
 
 def _check_sums(order: str, data: bytes, sums: tuple[int, int]) -> tuple[int, int]:
-    """Continue the check sums of a log over `data` ("Database File Format", section 4.2)."""
+    """Continue the checksums of a log over `data` ("Database File Format", section 4.2)."""
     first, second = sums
     words = struct.unpack(f"{order}{len(data) // 4}I", data)
     for even, odd in zip(words[::2], words[1::2], strict=True):

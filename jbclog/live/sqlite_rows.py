@@ -9,20 +9,20 @@ from typing import Final
 
 from jbclog.live.sqlite_pages import DatabasePages, Malformed
 
-INTERIOR, LEAF = 5, 13  # kinds of pages of a table
+INTERIOR, LEAF = 5, 13  # page types of a table
 FILE_HEADER: Final = 100  # bytes before the content of page 1
 DEEPEST: Final = 20
 LONGEST: Final = 96 << 20  # bytes of a row, as in `core/foreign/database.py`
 MOST_TABLES: Final = 1 << 20  # bytes of the list of tables
-WIDTHS: Final = (0, 1, 2, 3, 4, 6, 8)  # bytes of a whole number by its serial type
+WIDTHS: Final = (0, 1, 2, 3, 4, 6, 8)  # bytes of an integer by its serial type
 
 Value = None | int | float | str | bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row as its page holds it: its number, its length, the first bytes, and the page where the
-    rest begins (0: none).
+    """A row in its page: its number, its length, the first bytes, and the first overflow page (0:
+    none).
     """
 
     number: int
@@ -31,11 +31,11 @@ class Row:
     rest: int
 
     def values(self, pages: DatabasePages) -> list[Value]:
-        """Return all columns. Raises Malformed."""
+        """Return all columns. Raises `Malformed`."""
         return _values(self._whole(pages))
 
     def first_values(self, count: int) -> list[Value]:
-        """Return the first columns, which must be within the first page. Raises Malformed."""
+        """Return the first columns, which must be within the first page. Raises `Malformed`."""
         found = _values(self.start, count)
         if len(found) < count:
             raise Malformed(f"row {self.number} has {len(found)} columns")
@@ -56,7 +56,7 @@ class Row:
 
 
 def roots(pages: DatabasePages) -> dict[str, int]:
-    """Return the first page of each table by its name. Raises Malformed."""
+    """Return table name -> first page. Raises `Malformed`."""
     found: dict[str, int] = {}
     for row in rows(pages, 1, most_bytes=MOST_TABLES):
         match row.values(pages):
@@ -68,8 +68,9 @@ def roots(pages: DatabasePages) -> dict[str, int]:
 def rows(
     pages: DatabasePages, root: int, after: int = 0, *, most_bytes: int | None = None
 ) -> Iterator[Row]:
-    """Yield the rows of the table at `root` with a number above `after`, ascending. Raises
-    Malformed, also where they have more than `most_bytes`: a file of 2 kB can declare gigabytes.
+    """Yield the rows of the table at `root` with a number above `after`, ascending.
+
+    Raises `Malformed`, also above `most_bytes`: a file of 2 kB can declare gigabytes.
     """
     total = 0
     for found in _rows(pages, root, after, set(), 0):
@@ -80,7 +81,7 @@ def rows(
 
 
 def row(pages: DatabasePages, root: int, number: int) -> Row | None:
-    """Return one row, None if it does not exist. Raises Malformed."""
+    """Return a row, or None if it does not exist. Raises `Malformed`."""
     found = next(rows(pages, root, number - 1), None)
     return found if found is not None and found.number == number else None
 
@@ -182,7 +183,7 @@ def _value(kind: int, data: bytes) -> Value:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Return a number of variable length, and where the next byte is (section 1.6)."""
+    """Return a varint and the position after it (section 1.6)."""
     number = 0
     for place in range(at, min(at + 8, len(data))):
         number = number << 7 | data[place] & 0x7F

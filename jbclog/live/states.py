@@ -1,6 +1,4 @@
-"""What a follower knows of a run at one moment: plain frozen values. Unknown is never shown as
-normal.
-"""
+"""The state of a run at one moment, as frozen data classes. Unknown is never shown as normal."""
 
 from __future__ import annotations
 
@@ -14,26 +12,26 @@ from jbclog.core.rows import EventRow
 
 
 class Phase(StrEnum):
-    """Where a run stands, seen from outside."""
+    """Phase of a run, as a follower sees it."""
 
-    STARTING = "starting"  # nothing was committed yet
+    STARTING = "starting"  # no commit yet
     RECORDING = "recording"
-    DELAYED = "delayed"  # the recorder lives and has not committed for a while
+    DELAYED = "delayed"  # the recorder is alive and has not committed for a while
     FINALIZING = "finalizing"
     FINALIZED = "finalized"
     CRASHED = "crashed"  # the recorder ended without finalizing
     UNREADABLE = "unreadable"
-    GONE = "gone"  # its folder was removed
+    GONE = "gone"  # the folder was removed
 
 
 class Condition(StrEnum):
-    """How a port stands, the worst first."""
+    """Condition of a port, the worst first."""
 
     ALARM = "alarm"
-    FAILED = "failed"  # its station did not complete its part of the run
-    STALE = "stale"  # the newest reading is too old, or nobody records
+    FAILED = "failed"  # the station did not complete its part of the run
+    STALE = "stale"  # the newest reading is too old, or no recorder is running
     NOT_KNOWN = "not known"  # the newest reading has no value
-    ATTENTION = "attention"  # a value or the station needs a look
+    ATTENTION = "attention"  # a value or the station needs attention
     NORMAL = "normal"
     ENDED = "ended"
 
@@ -43,10 +41,10 @@ RUN_ENDED: Final = "run ended"
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The newest reading of a signal. `why`: the reason why there is no newer value; `age_s` is
-    that of `value`.
+    """The newest reading of a signal.
 
-    `is_known`: there is a value, nothing newer failed, and it is not too old.
+    `age_s` is the age of `value`; `why` is the reason why there is no newer value. `is_known`:
+    there is a value, no newer reading failed, and it is not too old.
     """
 
     value: int | float | str | bool | None = None
@@ -64,7 +62,7 @@ NOT_READ = Reading(why="not read yet")
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Temperature readings obtained of those due. `is_whole`: counted from the run's begin."""
+    """Temperature readings obtained and due. `is_whole`: counted from the begin of the run."""
 
     due: int = 0
     obtained: int = 0
@@ -77,11 +75,10 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """The joints that had ended `age_s` ago, all of them if `age_s` is None; `count` None: not
-    known, `why`.
+    """The joints of a port that had ended `age_s` seconds ago; `age_s` None: all joints.
 
-    `found` is how many were found; where `count` is None these may not be all, or some of them no
-    joints.
+    `count` is None while the number is not known, for the reason `why`; `found` is then a lower
+    estimate that may include false ones.
     """
 
     count: int | None = None
@@ -96,7 +93,7 @@ class Joints:
 
     @property
     def is_supported(self) -> bool:
-        """Whether this tool can make joints: only a tip does."""
+        """Whether the tool can make joints: only tips do."""
         return self.why != OF_TIPS_ONLY
 
 
@@ -108,8 +105,7 @@ NOT_COUNTED = Joints(why="not counted yet")
 class Trace:
     """Points of a port: seconds on the run's grid, and the values there; None: not read.
 
-    Seconds go back only where the clock of a run without a grid was set; the trace then begins
-    anew.
+    In a run without a grid, the trace begins anew when the clock is set back.
     """
 
     seconds: tuple[float, ...] = ()
@@ -118,13 +114,13 @@ class Trace:
 
     @property
     def last_s(self) -> float:
-        """The newest row; 0.0 without rows."""
+        """The newest row, in s; 0.0 without rows."""
         return self.seconds[-1] if self.seconds else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting as it was read last, or why it was not."""
+    """The last reading of a setting; `outcome` says why there is none."""
 
     port: int | None
     tool: str | None
@@ -136,7 +132,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Counter:
-    """A counter as it was read last; `raw` has the reason where there is no value."""
+    """The last reading of a counter; without a value, `raw` has the reason."""
 
     port: int | None
     name: str
@@ -147,10 +143,11 @@ class Counter:
 
 @dataclass(frozen=True, slots=True)
 class PortState:
-    """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold
-    now; `alarms_so_far`: how many alarms it has had, those that are over as well.
+    """The state of a port.
 
-    `trace` is the last minute; `hour` the last hour, a mean for each five seconds.
+    `readings` has the columns of the samples; `alarms` and `problems` are sentences about the
+    present; `alarms_so_far` counts all alarms, including cleared ones. `trace` is the last minute;
+    `hour` has a mean for every five seconds of the last hour.
     """
 
     station: str
@@ -190,7 +187,9 @@ class PortState:
 
 @dataclass(frozen=True, slots=True)
 class StationState:
-    """A station. `outcome` is that of the manifest; `problems` are sentences that hold now."""
+    """The state of a station. `outcome` is that of the manifest; `problems` are sentences about the
+    present.
+    """
 
     name: str
     family: str
@@ -207,7 +206,7 @@ class StationState:
 
 @dataclass(frozen=True, slots=True)
 class NumberedEvent:
-    """An event and its number in the run."""
+    """An event with its number in the run."""
 
     seq: int
     event: EventRow
@@ -215,12 +214,12 @@ class NumberedEvent:
 
 @dataclass(frozen=True, slots=True)
 class RunState:
-    """A run at one moment.
+    """The state of a run.
 
     `text` explains the phase; `commit_age_s` is the time since the recorder last committed;
     `problems` concern the whole run; `events` are the newest ones, oldest first. `unit` is the one
-    on the bench, if known; `units` are this one or, if no serials are read during the run, all that
-    were named at its start. `is_whole`: everything since the run's begin was read.
+    on the bench, if known; `units` is this one or, if no serials are read during the run, all named
+    at its start. `is_whole`: everything since the begin of the run was read.
     """
 
     folder: Path

@@ -1,4 +1,4 @@
-"""Reads what a run's live store gains, without a lock and without writing anything."""
+"""Reads new rows of a run's live store, without locks or writes."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from jbclog.live.sqlite_rows import Row, Value, roots, row, rows
 from jbclog.record.batches import Batch, Damaged, decode
 from jbclog.record.store import FACTS, META, MOST_NOTES_BYTES, segments
 
-MOST_DAMAGE: Final = 100  # entries that are kept
+MOST_DAMAGE: Final = 100  # entries kept
 
 
 class Sealed(Exception):
-    """A batch is not in the live store any more: it is in a sealed part."""
+    """A batch has moved from the live store to a sealed part."""
 
 
 @dataclass(slots=True)
 class _Segment:
     pages: DatabasePages
-    trouble: str | None = None  # why nothing of it can be read now
+    trouble: str | None = None  # why it cannot be read now
     tables: dict[str, int] = field(default_factory=dict)  # name -> first page
 
 
 class StoreFollower:
-    """The live store of the run in `folder`. `last` is the number of the newest batch that
-    `refresh` has named.
+    """The live store of the run in `folder`. `last` is the newest batch that `refresh` has
+    returned.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -53,12 +53,12 @@ class StoreFollower:
 
     @property
     def damage(self) -> list[str]:
-        """A sentence for each thing that could not be read; a file that is read again has none."""
+        """A sentence for each part that could not be read; a file drops out once it was read."""
         return [*filter(None, (one.trouble for one in self._segments.values())), *self._damage]
 
     @property
     def exists(self) -> bool:
-        """Whether a file of the store was there at the last `refresh`."""
+        """Whether a file of the store existed at the last `refresh`."""
         return bool(self._segments)
 
     @property
@@ -72,14 +72,13 @@ class StoreFollower:
 
     @property
     def sealed_through(self) -> int:
-        """The number of the last batch that was removed because it is in a part."""
+        """The last batch that was removed because it is in a part."""
         return self._number("sealed")
 
     def refresh(self, through: int | None) -> list[tuple[int, str]]:
-        """Return number and table of each batch since the last call, ascending; those above
-        `through` wait for a later one.
+        """Return number and table of each batch since the last call, ascending, up to `through`.
 
-        Raises RecordError where the store cannot be read now, or is of a newer jbclog.
+        Raises `RecordError` if the store cannot be read now, or a newer jbclog wrote it.
         """
         self._open_segments()
         found: dict[int, str] = {}
@@ -106,7 +105,10 @@ class StoreFollower:
         return changed
 
     def table(self, number: int) -> pa.Table | None:
-        """Return the rows of a batch of `refresh`; None: damaged. Raises Sealed, RecordError."""
+        """Return the rows of a batch from `refresh`, or None if it is damaged.
+
+        Raises `Sealed`, `RecordError`.
+        """
         path = self._where[number]
         segment = self._segments.get(path)
         if segment is None:
@@ -162,7 +164,7 @@ class StoreFollower:
         ) -> tuple[dict[str, int], list[tuple[int, Value]], list[list[Value]]]:
             tables = segment.tables or roots(pages)
             if not {"batch", "note"} <= tables.keys():
-                # a kill can come between creating the file and creating its tables
+                # the recorder may die between creating the file and creating its tables
                 return {}, [], []
             batches = [
                 (one.number, one.first_values(2)[1])

@@ -1,5 +1,5 @@
-"""Makes the state of a run from what its follower has read. The rules for what counts as known and
-as normal are here.
+"""Builds the state of a run from what its follower has read; has the rules for what counts as known
+and as normal.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from jbclog.record.conclude import hot_warning
 from jbclog.record.manifest import Manifest
 
 STALE_PERIODS: Final = 2.0
-COMMIT_S: Final = 2.0  # from a reading to the moment in which a follower can see it, at the most
-NO_GRID_S: Final = 3.0  # the longest distance of two rows of a station that is read without a grid
-# a row that is this far in the future was written before the clock was set back
+COMMIT_S: Final = 2.0  # longest time from a reading until a follower can see it
+NO_GRID_S: Final = 3.0  # longest interval between two rows of a station without a grid
+# a row this far in the future was written before the clock was set back
 CLOCK_S: Final = 2.0
 FLAG: Final = "alarm_high"
 SETTING: Final = "set_c"
-DISCONNECTED: Final = "disconnected"  # as a row's reason says it
+DISCONNECTED: Final = "disconnected"  # in the reasons of rows
 NOT_SUPPORTED: Final = Reading(why="not supported", is_stale=False)
 
 
 @dataclass(frozen=True, slots=True)
 class RunView:
-    """What a state is made from; `stations` with what the live store knows."""
+    """Input of a state; `stations` with the facts of the live store."""
 
     folder: Path
     manifest: Manifest | None
@@ -171,7 +171,7 @@ class RunView:
         )
 
     def _flags(self, place: Key, history: PortHistory) -> tuple[str, ...]:
-        """An answer with the alarm flags that was lost, until the flags are read again."""
+        """Report a lost answer with the alarm flags until the flags are read again."""
         lost, read = self.events.flags_lost_at(place), history.values.get(FLAG)
         is_lost = lost is not None and (read is None or read.moment.time <= lost)
         return (
@@ -191,8 +191,8 @@ class RunView:
 
 @dataclass(frozen=True, slots=True)
 class _Ages:
-    """The ages of a station's readings: of its newest row by the recorder's clock, of older ones by
-    their ticks.
+    """Ages of a station's readings: of the newest row by the recorder's clock, of older ones by
+    tick.
     """
 
     recorder_us: float | None
@@ -204,7 +204,7 @@ class _Ages:
         return COMMIT_S + (STALE_PERIODS * self.period_s if self.period_s else NO_GRID_S)
 
     def age_s(self, moment: Moment) -> float | None:
-        """Return the age, None where the clock was set back and it is not known."""
+        """Return the age in s; None if the clock was set back."""
         if self.recorder_us is None or self.newest is None:
             return None
         newest_s = (self.recorder_us - self.newest.time) / 1e6
@@ -220,8 +220,10 @@ class _Ages:
     def reading(
         self, history: PortHistory, column: str, why_old: str | None, *, is_old: bool
     ) -> Reading:
-        """Return the newest reading of a column. `is_old`: nobody records, for the reason `why_old`
-        if it is known, or the port's newest row is too old.
+        """Return the newest reading of a column.
+
+        `is_old`: no recorder is running (for the reason `why_old`, if known), or the port's newest
+        row is too old.
         """
         value, failure = history.values.get(column), history.failures.get(column)
         is_failed = failure is not None and (
@@ -238,21 +240,21 @@ class _Ages:
         )
 
     def is_behind(self, last: Last | None, known: Moment | None) -> bool:
-        """Whether a row is more than two periods older than one of the same station; no commit
-        brings what lies between.
+        """Whether a row is more than two periods older than the station's newest; no later commit
+        fills that gap.
         """
         if self.period_s is None or last is None or known is None:
             return False
         return known.tick - last.moment.tick > STALE_PERIODS
 
     def is_old(self, last: Last | None) -> bool:
-        """Whether a value is too old to be shown as known."""
+        """Whether a value is too old to count as known."""
         age = None if last is None else self.age_s(last.moment)
         return age is None or age > self.limit_s
 
 
 def _unknown_setting(setting: Reading) -> tuple[str, ...]:
-    """A temperature says nothing without the one that was set."""
+    """Report an unknown setpoint: without it, a temperature cannot be judged."""
     return () if setting.is_known else (f"The set temperature is not known: {setting.why}.",)
 
 

@@ -30,9 +30,9 @@ WEEK: Final = 7 * DAY
 # long-run variance of a week's use relative to its square, correlation with neighbouring weeks
 # included
 USUAL: Final = 0.6
-USUAL_WEIGHT: Final = 6.0  # blocks that it counts as
+USUAL_WEIGHT: Final = 6.0  # number of blocks that it counts as
 BLOCK: Final = 4  # weeks
-LEAST_DAYS: Final = 21.0  # of daily audits, before weekdays are distinguished
+LEAST_DAYS: Final = 21.0  # daily audits needed before weekdays are distinguished
 LEAST_LASTED: Final = 2 * DAY
 
 Numbers = NDArray[np.float64]
@@ -49,10 +49,13 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """The rate of a counter. `a_week`: the advance in a week. `variance`: long-run, of a week's
-    advance relative to its square.
-    `weeks`: the length of the history. `weekdays`: the share of each day, Monday first, with a mean
-    of 1."""
+    """The rate of a counter.
+
+    - `a_week`: the advance in a week
+    - `variance`: long-run, of a week's advance relative to its square
+    - `weeks`: the length of the history
+    - `weekdays`: the share of each day, Monday first, with a mean of 1
+    """
 
     a_week: float
     variance: float
@@ -71,7 +74,7 @@ def pace_of(steps: Sequence[Step]) -> Pace | None:
 
 
 def _variance(steps: Sequence[Step], a_week: float) -> float:
-    """Return the mean of the usual variance and of that of blocks of weeks, by weight."""
+    """Return the weighted mean of the usual variance and that of blocks of weeks."""
     median_weeks = max(1.0, float(np.median([step.end - step.begin for step in steps])) / WEEK)
     length = BLOCK * math.ceil(median_weeks)
     blocks = _blocks(steps, length)
@@ -129,11 +132,11 @@ def weekday(time: float) -> int:
 # amount of d weeks is reached with the probability of the normal deviate z is the t that solves t -
 # d = z sqrt(v (t + t^2 / n)).
 
-LATE: Final = 1.2816  # the normal deviate of 90 %
+LATE: Final = 1.2816  # normal deviate of 90 %
 # more than that of 10 %: work comes in surges, and a part that wears out before its forecast does
 # harm
 EARLY: Final = 1.6
-LASTING: Final = 0.03  # the variance that does not average out: seasons, shutdowns, other work
+LASTING: Final = 0.03  # variance that does not average out: seasons, shutdowns, other work
 HORIZON_WEEKS: Final = 520.0
 
 
@@ -200,8 +203,8 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """The UTC dates by which the service interval ends with a probability of 10, 50 and 90 %; null:
-    after the horizon.
+    """UTC dates by which the service interval ends with a probability of 10, 50 and 90 %; null:
+    beyond the horizon.
     """
 
     p10: str | None
@@ -213,10 +216,12 @@ class Due:
 class TaskState:
     """One task of one station; `port` is null for a task of the whole station.
 
-    `used` and `percent` are intervals, null if not known. `life` is the service interval. `since`
-    is when the task was last done or, if that is not known (`is_told` false), when counting
-    started. `why` is the reason for a null `due`: ``not enough data: 2 of 4 audits``. `told_by` is
-    the source of the service date; empty for the ledger.
+    - `used`, `percent`: intervals, null if not known
+    - `life`: the service interval
+    - `since`: when the task was last done or, if that is not known (`is_told` false), when counting
+      started
+    - `why`: the reason for a null `due`: ``not enough data: 2 of 4 audits``
+    - `told_by`: the source of the service date; empty for the ledger
     """
 
     task: str
@@ -317,7 +322,7 @@ def _longest_ago(ports: Collection[int], facts: Sequence[Fact]) -> Fact | None:
 
 
 def _without_date(state: TaskState, task: Task, first: str, now: str) -> TaskState:
-    """Count from the first audit, as the last service date is unknown; the use may be greater."""
+    """Count from the first audit if the last service date is unknown; the use may be greater."""
     at_least = Interval(_days(first, now), math.inf)
     waited = _with_used(
         replace(state, since=first, why=f"{task.never}: {SINCE_FIRST}"), task, at_least

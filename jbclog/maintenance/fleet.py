@@ -19,7 +19,7 @@ BEFORE, FLEET = "before", "fleet"
 
 @dataclass(frozen=True, slots=True)
 class Meter:
-    """A counter of a port: what was read now, its total, the last difference, and the rate (per
+    """A counter of a port: the current reading, its total, the last difference, and the rate (per
     day, if known).
     """
 
@@ -38,8 +38,8 @@ class UseFigure:
     (`why`) if not known.
 
     `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_a_joint``, ...), `title` its
-    text, `by` the definition if there could be another. It comes from `n` differences between
-    readings over `days`. `port` null: all ports together.
+    text, `by` the definition if others are possible. It comes from `n` differences between readings
+    over `days`. `port` null: all ports together.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Drift:
 
     @property
     def text(self) -> str:
-        """``350, 7 of 8 others have 330``; ``350, was 330 at the last audit``."""
+        """Return ``350, 7 of 8 others have 330``; ``350, was 330 at the last audit``."""
         if self.than == BEFORE:
             return f"{self.value}, was {self.expected} at the last audit"
         return f"{self.value}, {self.held_by} of {self.of} others have {self.expected}"
@@ -93,8 +93,8 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class StationAudit:
-    """A row: a station of the production line as seen now (`seen`) or last (`last_seen`), with the
-    results from the ledger.
+    """A station of the production line as seen now (`seen`) or last (`last_seen`), with the results
+    from the ledger.
     """
 
     line: str
@@ -233,7 +233,7 @@ ABSENT: Final = "nak4"  # the station does not have that counter
 
 
 class Finding(StrEnum):
-    """The findings that `--fail-on` can name."""
+    """Findings that `--fail-on` can name."""
 
     OVERDUE = "overdue"
     DUE = "due"
@@ -274,6 +274,7 @@ def _found(station: StationAudit) -> Iterator[Finding]:
 
 def exit_code(audit: FleetAudit, fail_on: Collection[Finding] = USUAL) -> int:
     """Return 3 if a station was not seen, else 1 for any other finding in `fail_on`, else 0.
+
     Ignores damage of the ledger.
     """
     found = {one for station in audit.stations for one in findings(station)} & set(fail_on)

@@ -1,7 +1,7 @@
 """Errors of a station since the last audit, and the time between them.
 
-An audit reads the present error only; an error that ends between two audits shows only in the
-records of runs. So only hours between audits with such records count.
+An audit reads the present error only; an error that ends between two audits is only in the records
+of runs. So only hours between audits with such records count.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jbclog.maintenance.stretch import moment
 
 FEWEST_ERRORS: Final = 3
 NO_RECORD: Final = "no run was recorded"
-DOUBT: Final = 0.05  # to each side
+DOUBT: Final = 0.05  # on each side
 SET_BACK_S: Final = 86400.0  # a mark further ahead is from a wrong clock
 
 
@@ -43,8 +43,8 @@ def counted_until(looks: Sequence[Observation], now: str) -> str | None:
     """Return the time from which to count errors: where the last count ended, or when the station
     was last seen; None: never.
 
-    A clock set back a little counts no error twice; marks of a clock that was far ahead do not
-    count.
+    If the clock is set back a little, no error counts twice; marks of a clock that was far ahead do
+    not count.
     """
     marks = [look.errors.until for look in looks if look.errors.until is not None] or [
         look.time for look in looks
@@ -82,7 +82,6 @@ def _plugged(before: Observation, now: Observation) -> float:
 
 
 def _hours(look: Observation) -> dict[int, float]:
-    """Return the plugged-in hours of each port."""
     return {
         one.port: one.value
         for one in look.counts
@@ -105,8 +104,8 @@ def poisson_bounds(count: int, doubt: float) -> tuple[float, float]:
     [0.81, 7.74]
     """
     z = NormalDist().inv_cdf(1 - doubt)
-    return _hilferty(count, -z), _hilferty(count + 1, z)
+    return _wilson_hilferty(count, -z), _wilson_hilferty(count + 1, z)
 
 
-def _hilferty(count: int, z: float) -> float:
+def _wilson_hilferty(count: int, z: float) -> float:
     return count * (1 - 1 / (9 * count) + z / (3 * sqrt(count))) ** 3

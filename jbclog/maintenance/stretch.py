@@ -10,7 +10,7 @@ from functools import lru_cache
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Trace
 
-ABOUT = 1.5  # a window of 30 days may have 20 to 45, as readings are irregular
+ABOUT = 1.5  # a window of 30 days may have 20 to 45, because readings are irregular
 
 Believed = Callable[[int], bool]
 """Whether the time of the look of that number is right."""
@@ -20,14 +20,14 @@ moment = lru_cache(maxsize=4096)(datetime.fromisoformat)
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Successive readings of a trace, by index, without those whose time is not believed."""
+    """Successive readings of a trace, by index, without those whose time is wrong."""
 
     trace: Trace
     places: tuple[int, ...]
 
     @property
     def n(self) -> int:
-        """The number of differences between its readings."""
+        """Number of differences between its readings."""
         return len(self.places) - 1
 
     @property

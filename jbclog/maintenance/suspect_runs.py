@@ -1,9 +1,9 @@
-"""The runs that used a tip which failed its verification.
+"""Runs that used a tip which failed its verification.
 
 *Bad* is the last failed verification of the given station, port and tip. *Suspect* is every run
-between the last pass before it (or the beginning) and the next pass after it, as the tip may have
-failed at any time in between. A run is suspect for the ports that it recorded, except a port for
-which it names another tip.
+between the last pass before it (or the beginning) and the next pass after it, because the tip may
+have failed at any time in between. A run is suspect for the ports that it recorded, except a port
+for which it names another tip.
 
 Unreadable runs are listed separately: they may be suspect, too.
 """
@@ -67,11 +67,12 @@ def where_used(
     """Return the runs below `out` that used a tip of `station` since the last passed verification,
     or since `since`.
 
-    `search` finds the runs; the manifest of each that is named is read and hashed again, in the
-    folder that `folder_of` returns.
-    `verifications`: the folder of the file of verifications, if not `out`.
+    `search` finds the runs; the manifest of each run found is read and hashed again, in the folder
+    that `folder_of` returns. `verifications`: the folder of the file of verifications, if not
+    `out`.
+
     Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for
-    an unknown station, as a mistyped name would have no suspect runs.
+    an unknown station, because a mistyped name would have no suspect runs.
     """
     book = read_book(verifications or out)
     _expect_known(search(out), out, book, station)
@@ -81,7 +82,7 @@ def where_used(
         return window
     if tip is None and window.bad is not None and since is None:
         tip = window.bad.tip
-    for found in search(out):  # without a filter, as an unreadable run may be suspect
+    for found in search(out):  # without a filter, because an unreadable run may be suspect
         try:
             is_named = isinstance(found, Found) and _is_suspect(found, station, window)
             run = summary_of(folder_of(found)) if isinstance(found, Found) and is_named else found

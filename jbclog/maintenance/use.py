@@ -1,8 +1,8 @@
-"""How a station was used: working, idle while hot, asleep, in error.
+"""Use of a station: working, idle while hot, asleep, in error.
 
 Every figure comes from differences between readings, with the range that they allow; an unknown
-figure is null with a reason. Shares refer to the time that the station was plugged in, over the
-last year at most.
+figure is null with a reason. Shares are of the time that the station was plugged in, over the last
+year at most.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ Each = Sequence[Stretch | None]
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """The history of one station: its counters' traces by port and name, and the looks that it
+    """History of one station: its counters' traces by port and name, and the looks that it
     answered, oldest first.
     """
 
@@ -60,7 +60,9 @@ class Past:
         return tuple(sorted({port for port, _ in self.traces}))
 
     def of(self, port: int, *counters: str) -> Stretch | None:
-        """Return the whole stretch of the first of these counters read twice at this port."""
+        """Return the whole stretch of the first of these counters that was read twice at this
+        port.
+        """
         found = (whole(self.traces.get((port, name)), self.believed) for name in counters)
         return next((one for one in found if one is not None), None)
 
@@ -199,7 +201,7 @@ def _figure(name: str, each: Each, value: Interval | None, otherwise: str = NOT_
 #
 # A station counts the working hours of its tool. If it also counts joints, its best week (least
 # time per joint) is a rate that it can reach, and working hours beyond that rate are idle while
-# hot. This is a lower bound, as the best week has idle time too. A station that counts no joints
+# hot. This is a lower bound: the best week has idle time too. A station that counts no joints
 # has no such figure.
 
 NAMES: Final = ("idle_hot_h", "idle_hot_percent", "idle_hot_kwh")

@@ -1,5 +1,4 @@
-"""Verifications of tips against an external thermometer, the file of them, and which one a run
-cites.
+"""Verifications of tips against an external thermometer, their file, and the ones that a run cites.
 
 *Offset*: the thermometer's reading minus the station's own. *Deviation from the setpoint*: the
 reading minus the selected temperature, if known. PASS: both are within the limit; FAIL: one is not.
@@ -9,7 +8,7 @@ compared without their uncertainty; the text reports a difference to the limit t
 offset's expanded uncertainty (k = 2) contains the station's resolution and spread, and the
 instrument's uncertainty if stated.
 
-INVALID: the instrument was past its due date. It is kept, and no run can cite it.
+INVALID: the instrument was past its due date. The verification is kept, and no run can cite it.
 
 The *proposed adjustment* is the present one minus the offset, in whole °C, within -50..50 (manual
 002, W-Axy). No manual prints the sign of an adjustment; a positive one is assumed to raise the tip
@@ -70,7 +69,7 @@ class Own:
 
     @property
     def uncertainty_c(self) -> float:
-        """The standard uncertainty of `temperature_c`, from resolution and spread of the mean."""
+        """Standard uncertainty of `temperature_c`, from resolution and spread of the mean."""
         spread = (self.sd_c or 0.0) / sqrt(self.n) if self.n else 0.0
         return sqrt(STEP_C**2 / 12 + spread**2)
 
@@ -113,7 +112,7 @@ def own_of(
 LIMIT_C = 15.0
 MOST_ADJUST_C = 50
 COVERAGE_FACTOR = 2.0
-POSSIBLE_C = (-20.0, 600.0)  # of a soldering tip, hot air included
+POSSIBLE_C = (-20.0, 600.0)  # range of a soldering tip's temperature, hot air included
 LIMITS_C = (0.5, 100.0)
 
 
@@ -286,8 +285,8 @@ FIRST: Final = sha256(NAME.encode())
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every readable verification, oldest first, with the hashes of their lines; what is wrong
-    (line, sentence).
+    """Every readable verification, oldest first, with the hashes of their lines; errors (line,
+    sentence).
     """
 
     all: list[Verification] = field(default_factory=list)
@@ -300,10 +299,9 @@ class Book:
 
 
 def keep(out: Path, one: Verification) -> tuple[Verification, str]:
-    """Append a verification to the file in `out`; return it as written, and the new head. Raises
-    `RecordError`.
+    """Append a verification to the file in `out`; return it as written, and the new head.
 
-    Adds nothing to a file whose chain does not hold.
+    Adds nothing to a file whose chain does not hold. Raises `RecordError`.
     """
     found = read_book(out)
     if damage_in(found.wrong):
@@ -368,7 +366,7 @@ def last_valid(
     book: Book, station: str, port: int, tip: str | None = None, before: datetime | None = None
 ) -> Verification | None:
     """Return the last valid verification of this port, of `tip` if given, not after `before`; None
-    if there is none.
+    without one.
     """
     fitting = (
         one
@@ -387,8 +385,8 @@ def cited(
     tips: Mapping[tuple[str, int], str | None],
     begin: datetime,
 ) -> list[TipCheck]:
-    """Return what a run that begins at `begin` in the folder `out` cites for each place (station,
-    port). Never raises.
+    """Return the verifications that a run in `out` cites for each place (station, port), if it
+    begins at `begin`. Never raises.
     """
     try:
         book = read_book(out)

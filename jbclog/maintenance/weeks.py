@@ -45,7 +45,7 @@ def _week(courses: Sequence[_Course], begin: datetime, end: datetime) -> Week:
 
 
 class _Course:
-    """The least and greatest advance of a counter at each reading, and its resolution."""
+    """Lower and upper bound of a counter's advance at each reading, and its resolution."""
 
     def __init__(self, stretch: Stretch | None) -> None:
         places = [] if stretch is None else stretch.places

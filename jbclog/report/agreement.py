@@ -1,9 +1,9 @@
-"""Compares what `report.json` repeats of its record, leaf by leaf, with what `repeated` gives
-again.
+"""Compares the fields of `report.json` that repeat the record with the record (`repeated`), leaf by
+leaf.
 
-Sentences depend on the version that made them, so this is for a report of this jbclog; of another
-maker's only what the manifest holds is compared (`record/report_repeats.py`). What is computed from
-the samples is not made again here: `verify.py` does that.
+Sentences depend on the version that made them, so this is for reports of this jbclog; of other
+makers' only the manifest's fields are compared (`record/report_repeats.py`). Values computed from
+the samples are left to `verify.py`.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ from jbclog.report.repeated import (
 )
 from jbclog.report.verdict import add_reasons, verdict_facts
 
-MOST: Final = 20  # differences that are listed
+MOST: Final = 20  # differences listed
 ABSENT: Final = "nothing"
 COMPUTED: Final = object()
-"""Stands for what a report computes: any value, but there."""
+"""Marks a value that the report computes: any value will do, but it must exist."""
 # who made it, and hashes that `check` compares with the files
 CLAIMED: Final = ("paper_by", "drawn_by", "written")
 OF_ANNOTATIONS: Final = ("annotations", "annotations_head", "annotations_wrong")
 
 Ports = Mapping[tuple[str, int], PortRows]
 Found = tuple[str, object, object]
-"""What differs: its place, what the report says, what the record says."""
+"""A difference: its place, the report's value, the record's value."""
 
 
 def compare_report(folder: Path) -> tuple[list[str], list[str]]:
-    """Return what the report of a sealed run repeats otherwise, and why not all was compared;
-    nothing without a report.
+    """Return the differences of a sealed run's report from its record, and why some of it was not
+    compared; nothing without a report.
 
     Raises `RecordError`.
     """
@@ -74,7 +74,7 @@ def compare_report(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def report_in(folder: Path) -> dict[str, Any] | None:
-    """Return `report.json`; None where it cannot be read as one."""
+    """Return `report.json`; None if it cannot be read as one."""
     try:
         found = read_json(folder / REPORT, Kind.REPORT)
     except (OSError, ValueError, TypeError, RecursionError):
@@ -83,11 +83,12 @@ def report_in(folder: Path) -> dict[str, Any] | None:
 
 
 def differences(run: Run, report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each leaf that differs from the record of the sealed `run`. Raises
-    `RecordError`.
+    """Yield a sentence for each leaf that differs from the record of the sealed `run`.
+
+    Raises `RecordError`.
     """
     try:
-        found = [*islice(_unlike(report, _expected(run, report), ""), MOST)]
+        found = [*islice(_differing_leaves(report, _expected(run, report), ""), MOST)]
     except (TypeError, ValueError, AttributeError, LookupError, RecursionError) as error:
         yield f"cannot be compared further: {unexpected_error_text(error)}"
         return
@@ -97,7 +98,7 @@ def differences(run: Run, report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _expected(run: Run, report: Mapping[str, Any]) -> dict[str, object]:
-    """Return the report as the record gives it, `COMPUTED` where that takes the samples."""
+    """Return the report as the record gives it, with `COMPUTED` for what needs the samples."""
     known = of_run(run)
     # older than the last annotation: the chain is compared
     if report.get("annotations_head") != known["annotations_head"]:
@@ -160,9 +161,9 @@ def _joined(before: PortRows, row: Mapping[str, Any]) -> PortRows:
     )
 
 
-def _unlike(says: object, is_so: object, place: str) -> Iterator[Found]:
-    """Yield each leaf that differs; a list of another length and a key too many or too few are
-    leaves.
+def _differing_leaves(says: object, is_so: object, place: str) -> Iterator[Found]:
+    """Yield each leaf that differs; a list of another length, a missing or an extra key is a
+    leaf.
     """
     if is_so is COMPUTED:
         return
@@ -170,14 +171,14 @@ def _unlike(says: object, is_so: object, place: str) -> Iterator[Found]:
     if isinstance(is_so, Mapping) and isinstance(says, Mapping):
         plain = {str(cleaned(str(key))): value for key, value in is_so.items()}
         for key in {**plain, **says}:
-            yield from _unlike(
+            yield from _differing_leaves(
                 says.get(key, ABSENT),
                 plain.get(key, ABSENT),
                 f"{place}, {key}" if place else str(key),
             )
     elif isinstance(is_so, list | tuple) and isinstance(says, list) and len(is_so) == len(says):
         for number, (one, other) in enumerate(zip(says, is_so, strict=True), 1):
-            yield from _unlike(one, other, f"{place}, {_named(other, number)}")
+            yield from _differing_leaves(one, other, f"{place}, {_named(other, number)}")
     elif (plain_one := cleaned(is_so)) != says or isinstance(plain_one, bool) != isinstance(
         says, bool
     ):
@@ -185,7 +186,7 @@ def _unlike(says: object, is_so: object, place: str) -> Iterator[Found]:
 
 
 def _named(value: object, number: int) -> str:
-    """Return the name of an entry, its port, or its place in the list."""
+    """Return the name of an entry, its port, or its position in the list."""
     of = value if isinstance(value, Mapping) else {}
     return (
         str(of["name"])

@@ -1,5 +1,5 @@
 """The alarms of a report: incidents with their episodes by source, acknowledgements, and alarm
-figures.
+KPIs.
 
 They come from the same functions as `jbclog alarms` (`analysis/run_alarms.py`); acknowledgements
 are in annotations.jsonl.
@@ -16,17 +16,17 @@ from jbclog.analysis.run_alarms import TABLE, Alarms
 from jbclog.report.text import Row
 
 WITNESSES: Final = {"A": "flag", "B": "samples", "C": "excursion"}
-COLUMNS: Final = tuple(TABLE)  # of tables/alarms.csv
+COLUMNS: Final = tuple(TABLE)  # columns of tables/alarms.csv
 AFTERWARDS: Final = "C"
 
 
 @dataclass(slots=True)
 class AlarmFacts:
-    """Incidents with their episodes, the figures of each station by source, and where the sources
+    """Incidents with their episodes, the KPIs of each station by source, and where the sources
     disagree.
 
-    `waiting`: how many alarms (of the station or of samples) are not acknowledged; `excursions`:
-    incidents that only the samples show afterwards, which are no alarms.
+    `waiting`: number of alarms (of the station or of samples) that are not acknowledged;
+    `excursions`: incidents that only the samples show afterwards, which are not alarms.
     """
 
     incidents: list[Row]
@@ -62,7 +62,7 @@ def _incidents(found: Alarms) -> list[Row]:
 
 
 def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
-    """Return an incident by the episode that it is named after."""
+    """Return an incident, described by the episode that names it."""
     chosen = next(row for row in episodes if row["episode"] == name)
     shown = (
         "station",
@@ -88,7 +88,7 @@ def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
         "state": _state(episodes),
         "is_alarm": any(row["detector"] != AFTERWARDS for row in episodes),
         "waiting": waiting,
-        "witnesses": _witnesses(episodes),
+        "witnesses": _detectors(episodes),
         "episodes": [dict(row) for row in episodes],
     }
 
@@ -98,7 +98,7 @@ def _state(episodes: Sequence[Row]) -> str:
     return next((state for state in ("active", "uncertain") if state in states), "cleared")
 
 
-def _witnesses(episodes: Sequence[Row]) -> str:
+def _detectors(episodes: Sequence[Row]) -> str:
     """Return ``A, B ×2``."""
     counts = {letter: sum(row["detector"] == letter for row in episodes) for letter in WITNESSES}
     return ", ".join(

@@ -1,4 +1,4 @@
-"""What a figure shows, in words, and the minute of a long run that gets a figure of its own."""
+"""Captions of figures, and the minute of a long run that gets a figure of its own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jbclog.core.clock import utc_of
 from jbclog.core.text import count_text
 
 WINDOW_S: Final = 60.0
-LONG_S: Final = 180.0  # single joints are seen in the first figure of a shorter run
+LONG_S: Final = 180.0  # in a shorter run single joints are visible in the first figure
 MOST_GAPS_NAMED: Final = 3
 WORTH_A_LOOK: Final = {
     MarkKind.ALARM: "the first alarm",
@@ -46,7 +46,7 @@ def _moment(trace: Trace) -> tuple[float, str]:
 
 
 def _hottest(trace: Trace) -> float | None:
-    """Return when the tip was hottest for the first time; None where it was never read."""
+    """Return when the tip was hottest for the first time; None if never read."""
     greatest = extreme(trace.temperature, np.max)
     for rows in blocks(0 if greatest is None else len(trace.temperature)):
         places = np.flatnonzero(trace.temperature[rows] == greatest)
@@ -56,7 +56,7 @@ def _hottest(trace: Trace) -> float | None:
 
 
 def caption(trace: Trace) -> str:
-    """Return the day, what the band means, and the longest gaps by name."""
+    """Return the day, the meaning of the band, and the longest gaps by name."""
     parts = [f"{_day(trace)}, times in UTC."]
     read = int(np.count_nonzero(~np.isnan(trace.setting)))
     if read:
@@ -86,7 +86,7 @@ def closer_caption(part: Trace, why: str) -> str:
 
 
 def joints_marked(trace: Trace) -> str:
-    """Return what the bars at the foot of the temperature are."""
+    """Return the meaning of the bars at the foot of the temperature."""
     count, late = len(trace.joints), sum(one.word == JointEnd.LATE for one in trace.joints)
     bars = f"Bars at the foot: {count_text(count, 'joint')}"
     return (
@@ -97,7 +97,7 @@ def joints_marked(trace: Trace) -> str:
 
 
 def description(place: str, trace: Trace) -> str:
-    """Return the text for readers who do not see the figure."""
+    """Return the alternative text of the figure."""
     if trace.states:
         return (
             f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)}"

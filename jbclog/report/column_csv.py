@@ -1,5 +1,5 @@
-"""Long tables as CSV, column by column in Arrow: a week of a port has a hundred thousand joints,
-of thirty cells each.
+"""Long tables as CSV, column by column in Arrow: a week of a port has a hundred thousand joints of
+thirty cells each.
 
 The bytes are those of `jbclog.core.text.csv_text`.
 """
@@ -19,7 +19,7 @@ from jbclog.core.text import csv_cell
 from jbclog.report.text import iso_times
 
 LEAST, MOST = 1e-4, 1e9
-"""Between these, Arrow writes a number as Python does, but for the ``.0`` of a whole one."""
+"""Between these, Arrow writes a number as Python does, except the ``.0`` of an integer."""
 LINE_END: Final = "\r\n"
 
 
@@ -63,7 +63,7 @@ def _of_floats(column: pa.Array) -> pa.StringArray:
 
 
 def _cell(text: str) -> str:
-    """Return a text as a cell, in quotes where it needs them."""
+    """Return a text as a cell, quoted if needed."""
     out = io.StringIO()
     csv.writer(out, lineterminator="").writerow([csv_cell(text), ""])
     return out.getvalue().removesuffix(",")

@@ -24,10 +24,10 @@ class Reason:
 
 @dataclass(slots=True)
 class VerdictFacts:
-    """`decided`: ``"with the run"`` (it stands in the manifest), ``"by recovery"`` (the run was cut
+    """`decided`: ``"with the run"`` (it is in the manifest), ``"by recovery"`` (the run was cut
     off) or ``"by this report"``.
 
-    `reasons`: why it is not ACCEPT. `version`: that of its rules. Where it is not the latest,
+    `reasons`: why it is not ACCEPT. `version`: that of its rules. If it is not the latest,
     `by_rules` is a sentence with the verdict of the latest rules, and `by_latest` that verdict with
     its reasons; neither changes the verdict.
     """
@@ -36,7 +36,7 @@ class VerdictFacts:
     decided: str
     reasons: list[Reason]
     rules: list[dict[str, object]]
-    summary: list[dict[str, object]]  # empty where the rules are few
+    summary: list[dict[str, object]]  # empty if the rules are few
     version: int
     by_rules: str | None = None
     by_latest: dict[str, object] | None = None
@@ -58,8 +58,8 @@ class FigureFacts:
 
 @dataclass(slots=True)
 class RecordedFacts:
-    """How much of a port's temperature was recorded; the definitions are in
-    `analysis/verdict/samples.py`.
+    """How much of a port's temperature was recorded, as `analysis/verdict/samples.py` defines
+    it.
     """
 
     rows: int
@@ -73,7 +73,7 @@ class RecordedFacts:
 
 @dataclass(slots=True)
 class TipFacts:
-    """The tip in °C. The idle figures are defined in `analysis/verdict/idle.py`."""
+    """The tip in °C. `analysis/verdict/idle.py` defines the idle figures."""
 
     set_c: float | None
     alarm_high_c: float | None
@@ -89,10 +89,10 @@ class TipFacts:
 @dataclass(slots=True)
 class PowerFacts:
     """The highest power, and its integral: the metrics of that name (`analysis/metrics/energy.py`),
-    `why` there is none.
+    or `why` there is none.
 
-    Joules and Wh only where the line file states the rated power; what was recorded beside a gap is
-    the least that it can be.
+    Joules and Wh only if the line file states the rated power; beside a gap the recorded energy is
+    a lower bound.
     """
 
     greatest_permille: float | None
@@ -105,7 +105,7 @@ class PowerFacts:
 
 @dataclass(slots=True)
 class StatesFacts:
-    """The seconds of each unwanted state of a station without a temperature; None: never read."""
+    """Seconds in each unwanted state of a station without a temperature; None: never read."""
 
     shortage_s: float | None
     clogged_s: float | None
@@ -115,8 +115,8 @@ class StatesFacts:
 
 @dataclass(slots=True)
 class AirFacts:
-    """Hot air: the last flow as a share of the maximum, and the thermocouple on the work. None:
-    never read.
+    """Hot air: the last flow as a share of the maximum, and the external thermocouple. None: never
+    read.
     """
 
     flow_permille: float | None
@@ -127,13 +127,13 @@ class AirFacts:
 
 @dataclass(slots=True)
 class JointFacts:
-    """The joints of a port: `figures` are metrics with n, coverage, resolution and `why` there is
-    no value (`features`).
+    """The joints of a port.
 
-    `taken`: the criteria, from the recipe's `[joints]` and from the run. `never_back`: a sentence
-    where the tip seldom recovers.
-    `signals`: points of the chart that are out of the ordinary; None where it has no limits, with
-    the reason in `refused` and in a word in `refused_kind`.
+    - `figures`: metrics with n, coverage, resolution, and `why` there is no value
+    - `taken`: the criteria, from the recipe's `[joints]` and from the run
+    - `never_back`: a sentence if the tip seldom recovers
+    - `signals`: number of points of the chart with a signal; None without limits, for the reason in
+      `refused` (a word in `refused_kind`)
     """
 
     figures: dict[str, dict[str, object]]
@@ -155,8 +155,8 @@ class PortFacts:
     recorded: RecordedFacts
     tip: TipFacts
     power: PowerFacts
-    states: StatesFacts | None  # of a station without a temperature
-    air: AirFacts | None  # of hot air, whose temperatures are in `tip` like those of any tool
+    states: StatesFacts | None  # only for a station without a temperature
+    air: AirFacts | None  # only for hot air, whose temperatures are in `tip` like those of any tool
     alarms: int
     doubtful_alarms: int
     touched: bool
@@ -174,7 +174,7 @@ class PortFacts:
 
 @dataclass(slots=True)
 class StationReport:
-    """One station: what it is, how its run ended, and its ports."""
+    """One station: identity, end of its run, ports."""
 
     name: str
     family: str
@@ -210,7 +210,7 @@ class Facts:
     """One run."""
 
     schema: int
-    rules: int  # the version of the rules and methods of this report
+    rules: int  # version of the rules and methods of this report
     run: str
     manifest_sha256: str
     head: str
@@ -230,7 +230,7 @@ class Facts:
     recipes: list[dict[str, object]]
     metadata: dict[str, object]
     host: dict[str, object]
-    overview: FigureFacts | None  # where there are several ports
+    overview: FigureFacts | None  # if there are several ports
     stations: list[StationReport]
     alarms: AlarmFacts
     units: list[dict[str, object]]  # joints and recovery of each; empty without units
@@ -243,7 +243,7 @@ class Facts:
     ledger: list[dict[str, object]]
     ledger_reasons: list[str]
     files: list[dict[str, object]]
-    data_sha256: str  # of the lines "SHA-256  path" of these files, as `sha256sum` prints them
+    data_sha256: str  # hash of the lines "SHA-256  path" of these files, as `sha256sum` prints them
     annotations: list[dict[str, object]]  # added after the run was sealed
     annotations_head: str
     annotations_wrong: list[str]  # a sentence for each damaged or changed part of that file
@@ -257,7 +257,7 @@ class Facts:
         return sum(len(station.ports) for station in self.stations) > CROWD
 
 
-# with more ports than these each has one figure, and a closer one only where something happened
+# with more ports than this, each has one figure, and a closer one only if something happened
 CROWD = 12
 
 NOT_CLAIMED = (

@@ -1,4 +1,4 @@
-"""Collect the facts of a report from a sealed run."""
+"""Gathers the facts of a report from a sealed run."""
 
 from __future__ import annotations
 
@@ -46,7 +46,6 @@ def gather(run: Run, joints: Joints) -> Facts:
 def _context(
     run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts, measuring: Measuring
 ) -> Context:
-    """Return the data that all ports of `run` share."""
     manifest = run.manifest
     by_name = {facts.name: facts for facts in manifest.stations}
     ports = sum(len(facts.ports) for facts in manifest.stations)

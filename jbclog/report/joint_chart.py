@@ -1,11 +1,11 @@
 """Deficit and recovery joint by joint: how far below its setpoint the tip begins, and how long it
-takes to be back.
+takes to recover.
 
-Recoveries are individuals and moving ranges, with limits where `spc` allows them. Where it refuses
-(too few values, autocorrelation, a spread below the resolution), or where the next joint too often
-began before the tip was back, there are no limits, and the caption states why. Such a joint has an
-arrow at the time until the next joint: its recovery is longer. Of more joints than are seen apart,
-each stretch shows its least and greatest; points with a signal are always drawn.
+Recoveries are individuals and moving ranges, with limits if `spc` allows them. If it refuses (too
+few values, autocorrelation, a spread below the resolution), or if the next joint too often began
+before the tip recovered, there are no limits, and the caption states why. Such a joint has an arrow
+at the time until the next joint: its recovery is longer. If there are too many joints to see each,
+minimum and maximum of each interval are drawn, and always the points with a signal.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from jbclog.analysis.spc import Chart, Refused, control_chart
 from jbclog.core.text import count_text
 
 LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 38.0, 62.0, 12.0, 19.0, 15.0
-UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals, and of deficits and moving ranges
+UPPER_PT, LOWER_PT = 74.0, 34.0  # heights of individuals, and of deficits and moving ranges
 FEWEST: Final = 5  # joints from which on a chart is drawn
 MOST_DOTS: Final = 300
 ARROW_PT: Final = 5.0
@@ -43,7 +43,7 @@ class RecoveryChart:
     """The recoveries by the number of their joint; the chart, or why it has no limits.
 
     `deficits`: setpoint minus temperature at the start, of every joint (NaN: not known). `late`:
-    the numbers of the joints that the next one followed before the tip was back, and the time in s
+    the numbers of the joints that the next one followed before the tip recovered, and the time in s
     that each had.
     """
 
@@ -60,7 +60,7 @@ class RecoveryChart:
 
     @property
     def why(self) -> tuple[str | None, str | None]:
-        """Why it has no limits, as a sentence and in a word."""
+        """Why it has no limits, as a sentence and as a word."""
         return (
             (self.found.text, self.found.kind) if isinstance(self.found, Refused) else (None, None)
         )
@@ -71,20 +71,18 @@ class RecoveryChart:
 
     @property
     def signals(self) -> int | None:
-        """How many points of the individuals are out of the ordinary; None where the chart has no
-        limits.
-        """
+        """Number of individuals with a signal; None without limits."""
         return None if self.chart is None else len(self.signalling)
 
     @property
     def signalling(self) -> list[int]:
-        """The places of these points."""
+        """Indices of the individuals with a signal."""
         return [] if self.chart is None else sorted({one.last for one in self.chart[0].signals})
 
     @property
     def caption(self) -> str:
-        """The content of the chart, and why it has no limits."""
-        shown = f"Deficit and recovery, joint by joint. {self._have}"
+        """Content of the chart, and why it has no limits."""
+        shown = f"Deficit and recovery, joint by joint. {self._coverage_text}"
         if self.chart is None:
             return f"{shown} Without limits: {self.why[0]}"
         tests = list(dict.fromkeys(one.text for one in self.chart[0].signals))
@@ -108,7 +106,7 @@ class RecoveryChart:
         )
 
     @property
-    def _have(self) -> str:
+    def _coverage_text(self) -> str:
         """How many joints have a recovery, and the meaning of the arrows."""
         back, late = len(self.seconds), len(self.late[0])
         have = (
@@ -128,8 +126,7 @@ def recovery_chart(
 ) -> RecoveryChart:
     """Return the chart of these recoveries (NaN: none) in the order of their joints.
 
-    `had`: the time in s until the next joint, where that came before the tip was back; NaN
-    elsewhere.
+    `had`: the time in s until the next joint, if that came before the tip recovered; else NaN.
     """
     none = np.full(len(recovery), np.nan)
     there, had = ~np.isnan(recovery), none if had is None else had
@@ -145,9 +142,7 @@ def recovery_chart(
 
 
 def draw_chart(one: RecoveryChart, form: Format) -> Figure:
-    """Return the deficits where they are known, the recoveries, and where these have limits their
-    moving ranges.
-    """
+    """Draw deficits if known, recoveries, and moving ranges if there are limits."""
     deficits = np.flatnonzero(~np.isnan(one.deficits))
     heights = [
         *([LOWER_PT] if len(deficits) else []),
@@ -222,7 +217,6 @@ def _edges(chart: Chart | None) -> Floats:
 
 
 def _scale(axes: Axes, values: Floats) -> None:
-    """Set a scale that holds these values."""
     margin = max(0.08 * float(np.ptp(values)), 0.02)
     axes.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
     is_high = size_pt(axes)[1] > 1.5 * LOWER_PT
@@ -237,7 +231,7 @@ def _late(axes: Axes, numbers: Floats, seconds: Floats) -> None:
         curve = envelope(numbers, seconds, MOST_DOTS, float("inf"))
         numbers, seconds = curve.seconds, curve.low
     (wide, high), (left, right), (low, top) = size_pt(axes), axes.get_xlim(), axes.get_ylim()
-    # of a point
+    # size of a point in units of the axes
     across, up, none = (right - left) / wide, (top - low) / high, np.full(len(numbers), np.nan)
     tips = seconds + ARROW_PT * up
     bars(axes, numbers, seconds, tips, "late", **ARROW)
@@ -274,9 +268,7 @@ def _median(axes: Axes, values: Floats, digits: int, form: Format) -> None:
 
 
 def _points_of(axes: Axes, numbers: Floats, values: Floats, of: str) -> None:
-    """Draw each point, or of more than are seen apart the least, greatest and mean of each
-    stretch.
-    """
+    """Draw each point, or if there are too many, minimum, maximum and mean of each interval."""
     if len(values) <= MOST_DOTS:
         axes.plot(numbers, values, gid="joined", **JOINED)
         dots(axes, numbers, values, 2.0, style.TEMPERATURE, of)

@@ -11,9 +11,9 @@ from jbclog.analysis.verdict.evidence import joints_not_known
 from jbclog.core.text import number
 from jbclog.report.text import RowView, items, mapping, measured
 
-# the share of the joints that the next one followed before the tip was back
+# share of joints that the next one followed before the tip recovered
 NEVER, SELDOM = 0.95, 0.5
-ENOUGH: Final = 5  # joints, below which no share is stated
+ENOUGH: Final = 5  # joints below which no share is stated
 REFUSED: Final = {
     "too_few": "too few joints",
     "unresolved": "their spread is that of the resolution",
@@ -30,7 +30,7 @@ NOTE: Final = (
 
 
 def jointed(report: Mapping[str, object]) -> list[RowView]:
-    """Return a row for each port whose joints were looked for: `station`, `port` and `joints`."""
+    """Return a row for each port in which joints were searched: `station`, `port` and `joints`."""
     return [
         {"station": station["name"], "port": port["port"], "joints": port["joints"]}
         for station in items(report["stations"])
@@ -40,7 +40,7 @@ def jointed(report: Mapping[str, object]) -> list[RowView]:
 
 
 def never_back(late: int, seen: int, deficit_c: float | None) -> str | None:
-    """Return a sentence where most joints begin before the tip is back; `late`: how many of the
+    """Return a sentence if most joints begin before the tip recovered; `late`: how many of the
     `seen` recoveries.
     """
     if seen < ENOUGH or late < SELDOM * seen:
@@ -92,7 +92,7 @@ def found_with(rows: Sequence[RowView]) -> list[str]:
 
 
 def _regular(rows: Sequence[RowView]) -> list[str]:
-    """Return the time between joint starts that the run shows, where the recipe states none."""
+    """Return the regular interval of joints that the run shows, if the recipe states none."""
     places: dict[str, list[str]] = {}
     for row in rows:
         taken = mapping(mapping(row["joints"]).get("taken"))
@@ -129,7 +129,7 @@ def _found_with(taken: RowView) -> str:
 
 
 def heat(row: RowView) -> str:
-    """Return the median heat of a joint, in joules where watts are known."""
+    """Return the median heat of a joint, in joules if watts are known."""
     figures = mapping(mapping(row["joints"])["figures"])
     joules, relative = (
         mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s")
@@ -146,14 +146,14 @@ def idle(row: RowView) -> str:
 
 
 def count(row: RowView) -> str:
-    """Return the number of joints; not known where the record has gaps."""
+    """Return the number of joints; not known if the record has gaps."""
     joints = mapping(row["joints"])
     known = mapping(mapping(joints["figures"])["joints"])["value"]
     return number(joints["found"]) if known is not None else "not known"
 
 
 def remark(row: RowView) -> str:
-    """Return why the count is not known, whether the tip recovers, what may be no joint, and the
+    """Return why the count is not known, whether the tip recovers, what may not be a joint, and the
     result of the chart.
     """
     joints = mapping(row["joints"])

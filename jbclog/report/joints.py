@@ -34,7 +34,7 @@ __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows
 
 UNIT: Final = "unit"
 ROWS_AT_ONCE: Final = 16_384
-COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # of tables/joints.csv
+COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # columns of tables/joints.csv
 METRICS: Final[tuple[str, ...]] = (
     *("joints", "joints_kind_not_known", "joints_not_recovered", "recovered_before_next_percent"),
     *(
@@ -59,7 +59,7 @@ OF_CHART: Final = ("recovery_s", "deficit_c", "had_s", "recovered")
 AT_WORK: Final = "power_mean_permille"  # without it the tool never worked and made no joints
 
 Recovery = tuple[float | None, float | None, bool | None]
-"""The recovery of a joint in s, the time until the next joint, and whether the tip was back before
+"""The recovery of a joint in s, the time until the next joint, and whether the tip recovered before
 it.
 """
 
@@ -75,7 +75,7 @@ class Joints:
     metrics: list[Row]
     units: list[str | None]
     taken: list[Row]
-    # the metrics of each port by their names
+    # metrics of each port by name
     by_port: Mapping[tuple[object, object], dict[str, Row]]
 
     def of_port(self, station: str, port: int, columns: Sequence[str]) -> pa.Table:
@@ -87,8 +87,8 @@ class Joints:
         return self.by_port.get((station, port), {})
 
     def csv(self) -> bytes:
-        """Return the table with the unit of each joint, for spreadsheets; what is not bytes yet is
-        a few thousand rows at a time.
+        """Return the table with the unit of each joint as CSV, encoding a few thousand rows at a
+        time.
         """
         out = BytesIO(csv_text(COLUMNS, ()).encode())
         out.seek(0, SEEK_END)
@@ -106,7 +106,7 @@ def joints_of(run: Run) -> Joints:
     """Find the joints in the samples; the same run gives the same bytes. Raises `RecordError`."""
     table, metrics, taken = joints_and_metrics(run)
     serials = serials_of(run, table) if table.num_rows else []
-    pa.default_memory_pool().release_unused()  # what the search took, between what is kept
+    pa.default_memory_pool().release_unused()  # memory of the search, between what is kept
     by_port: dict[tuple[object, object], dict[str, Row]] = {}
     for row in metrics:
         by_port.setdefault((row["station"], row["port"]), {})[str(row["metric"])] = row
@@ -118,8 +118,8 @@ def joints_of(run: Run) -> Joints:
 def joint_facts(
     found: Joints, station: str, port: int, file: str, *, crowded: bool
 ) -> JointFacts | None:
-    """Return the figures of one port and its chart, whose file begins with `file`; None for what
-    makes no joints.
+    """Return the figures of one port and its chart, whose file begins with `file`; None for a tool
+    that makes no joints.
     """
     metrics = found.metrics_of(station, port)
     if OF_JOINTS not in metrics or not metrics[AT_WORK]["n"]:
@@ -172,14 +172,11 @@ def _value(figures: Mapping[str, Row], name: str) -> float | None:
 
 
 def _floats(column: pa.ChunkedArray) -> Floats:
-    """Return the values with NaN for null."""
     return np.asarray(column.to_numpy(), dtype=np.float64)
 
 
 def unit_rows(found: Joints) -> list[Row]:
-    """Return joints and recovery of each unit of which joints are known, in the order in which they
-    came.
-    """
+    """Return joints and recovery of each unit whose joints are known, in order of their begin."""
     if not any(found.units):
         return []
     joints = zip(
@@ -195,8 +192,8 @@ def unit_rows(found: Joints) -> list[Row]:
 
 
 def _recovery(joints: Sequence[Recovery]) -> Row:
-    """Return the median recovery of one unit, and its slowest where all were seen: one that the
-    next joint cut short was longer.
+    """Return the median recovery of one unit, and its slowest if all were seen: a recovery cut
+    short by the next joint was longer.
     """
     known = [seconds for seconds, _, _ in joints if seconds is not None]
     late = sum(back is False for _, _, back in joints)

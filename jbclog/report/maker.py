@@ -1,5 +1,5 @@
-"""Who made a report: the version of jbclog, that of its rules, the typesetter, and the drawing
-library. A report can name any.
+"""Maker of a report: the versions of jbclog, its rules, the typesetter, and the drawing library. A
+report can claim any.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from jbclog import __version__
 from jbclog.analysis.verdict import RULES
 
 FIRST: Final = (0, 1, 0)
-"""The first release: an earlier one made no report."""
+"""The first release; an earlier version made no report."""
 _VERSION: Final = re.compile(r"(\d{1,6})\.(\d{1,6})\.(\d{1,6})([-.+a-z][-.+a-z0-9]{0,30})?")
 
 
@@ -30,9 +30,7 @@ def tools() -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Maker:
-    """Who a report says that it was made by; `rules` is 1 for the first release, which named
-    none.
-    """
+    """Maker that a report claims; `rules` is 1 for the first release, which named none."""
 
     version: object
     rules: object
@@ -53,7 +51,7 @@ class Maker:
 
 
 def maker_of(report: Mapping[str, Any]) -> Maker | None:
-    """Return who the report names as its maker; None if nobody."""
+    """Return the maker that the report claims, or None."""
     if "jbclog" not in report:
         return None
     return Maker(
@@ -62,7 +60,7 @@ def maker_of(report: Mapping[str, Any]) -> Maker | None:
 
 
 def impossible(maker: Maker) -> Iterator[str]:
-    """Yield why no jbclog was this maker."""
+    """Yield why no jbclog can be this maker."""
     version = _numbers(maker.version)
     if version is None:
         yield f"names jbclog {maker.version!s:.20} as its maker; that is no version"
@@ -90,6 +88,6 @@ def newer(maker: Maker) -> Iterator[str]:
 
 
 def _numbers(version: object) -> tuple[int, ...] | None:
-    """Return the three numbers of a version; None where it is none."""
+    """Return the three numbers of a version; None if it is not a version."""
     found = _VERSION.fullmatch(version) if isinstance(version, str) else None
     return None if found is None else tuple(map(int, found.group(1, 2, 3)))

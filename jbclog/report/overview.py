@@ -1,9 +1,9 @@
 """The overview of a run: a strip for each port on one time axis.
 
-A strip shows how far the tip was from its setpoint, between its least and its greatest, up to
-`REACH_C`. Where it was further away for `FAR_S`, a field has its temperature instead: a cold tip is
-no level line. Missing data are hatched, alarms and errors are bars. Strips are added port by port
-and hold thinned curves only.
+A strip shows how far the tip was from its setpoint, from minimum to maximum, up to `REACH_C`. Where
+it was further away for `FAR_S`, a field with its temperature is drawn instead, so that a cold tip
+is not a level line. Missing data are hatched, alarms and errors are bars. Strips are added port by
+port and hold thinned curves only.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ REACH_C = 40.0
 FAR_S = 10.0
 FAR_TINT = "#d9dde8"
 STRETCHES = 400
-# a strip's height; that of all of them; where they are many
+# height of a strip; of all of them; of a strip if they are many
 STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4
 FEWEST = 2  # strips from which on there is an overview
 FIGURES_PT, TOP_PT, AXIS_PT = 72.0, 3.6, 17.3
-LETTER_PT = 4.5  # the width of a letter of a strip's name
+LETTER_PT = 4.5  # width of a letter of a strip's name
 LONGEST_NAME = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """One port: its curve as °C from the setpoint, what is hatched and marked, and the text on its
-    right.
+    """One port: its curve as °C from the setpoint, the hatched and marked spans, and the text at
+    the right.
     """
 
     name: str
@@ -63,8 +63,8 @@ class Strip:
     end: float
     words: str
     is_bad: bool
-    far: list[Span]  # with the text of the field
-    is_cold: bool  # it never reached its setpoint
+    far: list[Span]  # with the text of each field
+    is_cold: bool  # the tip never reached its setpoint
 
 
 @dataclass(slots=True)
@@ -77,10 +77,10 @@ class Overview:
     def add(
         self, name: str, trace: Trace, coverage_percent: float | None, cold: str | None = None
     ) -> None:
-        """Add a port. `cold`: how it never reached its setpoint, in a word or two; None where it
+        """Add a port. `cold`: how it never reached its setpoint, in a word or two; None if it
         did.
         """
-        away = _away(trace)
+        away = _setpoint_error(trace)
         far = _far(trace, away)
         for span in far:
             away[_inside(trace, span)] = np.nan
@@ -115,7 +115,7 @@ class Overview:
 
     @property
     def strip_in(self) -> float:
-        """The height of one strip; all of them fit on a sheet."""
+        """Height of one strip; all of them fit on a sheet."""
         count = len(self.strips)
         return min(STRIP_IN, max(ALL_IN / count, LEAST_IN), SHEET_IN / count)
 
@@ -234,7 +234,7 @@ class _Row:
 
     @property
     def _least_s(self) -> float:
-        """The shortest time that is wide enough to be seen."""
+        """Shortest visible time, in s."""
         left, right = self.axes.get_xlim()
         return (right - left) * 86400 / self.form.stretches * 1.5
 
@@ -261,7 +261,7 @@ class _Row:
             )
 
     def _far(self) -> None:
-        """Draw a field with the temperature in it, where that fits."""
+        """Draw a field with the temperature in it, if that fits."""
         self._fill(self.strip.far, "far", facecolor=FAR_TINT, zorder=2.2)
         (left, right), wide = self.axes.get_xlim(), size_pt(self.axes)[0]
         for span in self.strip.far:
@@ -275,8 +275,8 @@ class _Row:
                 self.axes.text(middle, self.row + 0.5, span.word, zorder=2.3, **look)
 
 
-def _away(trace: Trace) -> Readings:
-    """Return how far the tip was from its setpoint in each row, NaN where that is not known."""
+def _setpoint_error(trace: Trace) -> Readings:
+    """Return how far the tip was from its setpoint in each row, NaN if not known."""
     away, last_s, last_c = trace.temperature.copy(), trace.start, np.nan
     for rows in blocks(len(away)):
         seconds = np.append(last_s, trace.seconds[rows])
@@ -289,7 +289,6 @@ def _away(trace: Trace) -> Readings:
 
 
 def _inside(trace: Trace, span: Span) -> slice:
-    """Return the rows of a span."""
     return slice(*np.searchsorted(trace.seconds, [span.start, span.end]).tolist())
 
 

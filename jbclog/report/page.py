@@ -30,7 +30,7 @@ from jbclog.report.safety import short
 from jbclog.report.text import bound_text, clock, interval, measured
 
 PLAIN_IN_ADDRESS = " !$'()*+,-./:;=@_?[]{}|^~"
-# a drawing is mostly numbers: to translate would look up each of its letters
+# a drawing is mostly digits, and `translate` would look up each character
 RESERVED: Final = re.compile(f"[^{re.escape(PLAIN_IN_ADDRESS)}0-9A-Za-z]+")
 MOST_QUOTED: Final = 1024
 SIGNS = {
@@ -65,8 +65,8 @@ def render(
 ) -> str:
     """Return the page of a report.
 
-    `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` the data of its
-    interactive view.
+    `figures`: file name of a figure -> its wide and its narrow SVG; `zooms`: file name -> data of
+    its interactive view.
     """
     uris = {file: tuple(map(cache(data_uri), pair)) for file, pair in figures.items()}
     # one size for all, as there are many
@@ -77,8 +77,8 @@ def render(
 
 @cache
 def _interactive() -> dict[str, object]:
-    """Return what the interactive view needs: uPlot with its style and licence, our script, and the
-    hashes of both.
+    """Return the input of the interactive view: uPlot with its style and licence, our script, and
+    the hashes of both.
     """
     here = files("jbclog.report")
     scripts = [here.joinpath(*path).read_bytes().decode() for path in SCRIPTS]
@@ -97,7 +97,7 @@ def _interactive() -> dict[str, object]:
 
 
 def data_uri(svg: str) -> str:
-    """Return an SVG document as a data URI; only characters that a URI or an attribute reserves are
+    """Return an SVG document as a data URI; only characters reserved in URIs or attributes are
     escaped.
     """
     plain = " ".join(svg.split())

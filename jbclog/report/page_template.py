@@ -1,7 +1,7 @@
-"""The template engine of the report's two pages: a run's and an audit's.
+"""The template engine of the two pages: a run's and an audit's.
 
-Compiled templates are kept where Python keeps compiled modules, because to compile them takes a
-fifteenth of what a short run's report takes. Who may not write there compiles them each time.
+Compiled templates are kept where Python keeps compiled modules, because compiling them takes a
+fifteenth of a short run's report. A user who may not write there compiles them each time.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ ENGINE: Final = partial(
 
 
 def environment(package: str, finalize: Callable[[object], object] | None = None) -> Environment:
-    """Return the engine of the templates in `package`: it escapes all text, and a name that is not
-    known is an error. `finalize` is applied to every value before it is written.
+    """Return the engine of the templates in `package`, which escapes all text and refuses unknown
+    names. `finalize` is applied to every value before it is written.
     """
     made = ENGINE(loader=PackageLoader(package), finalize=finalize, bytecode_cache=_Compiled())
     made.filters.update(number=number, stamp=stamp, together=together)
@@ -54,7 +54,7 @@ class _Compiled(FileSystemBytecodeCache):
     def load_bytecode(self, bucket: Bucket) -> None:
         try:
             super().load_bytecode(bucket)
-        except Exception:  # a crash left a part of the file: anything may be raised
+        except Exception:  # after a crash the file may be incomplete, which can raise anything
             bucket.reset()
 
     def dump_bytecode(self, bucket: Bucket) -> None:

@@ -1,4 +1,4 @@
-"""The content of `report.pdf`, in the order of the page; `templates/report.typ` has its look.
+"""The content of `report.pdf`, in the order of the page; `templates/report.typ` has its layout.
 
 It comes from the same facts as the page. Rows too many for paper are in the tables, and a line
 states how many.
@@ -40,10 +40,10 @@ from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, drawable_in_
 MOST_REASONS: Final = 6
 MOST_FINDINGS: Final = 60
 SHORT: Final = 300  # characters of a text: nearly all have fewer
-# that of 500 serials. The typesetter panics where it cuts a document's title after 65 535 bytes
-# within a letter; it puts a break of three bytes behind each letter of four or fewer
+# enough for 500 serials. The typesetter panics if it cuts a document's title after 65 535 bytes
+# within a letter; it puts a break of three bytes after each letter of four or fewer
 LONGEST: Final = 9_000
-ALL_LONG: Final = 100_000  # of all texts that are not short, together
+ALL_LONG: Final = 100_000  # characters of all longer texts together
 UNKNOWN: Final = datetime(1970, 1, 1, tzinfo=UTC)
 BOUNDS: Final = (
     "Bound: 95 % confidence bound of an estimated figure, corrected for autocorrelation; counts"
@@ -58,6 +58,7 @@ FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and join
 
 def report_pdf(facts: Facts) -> bytes:
     """Return the document. The same run gives the same bytes: no creation time, no random names.
+
     Raises `RecordError`.
     """
     ended = facts.ended or facts.started
@@ -77,9 +78,9 @@ def _data(facts: Facts) -> dict[str, object]:
 
 
 class _Fitting:
-    """Makes texts fit for the typesetter, which takes 50 s for one of a million letters and 800 MB
-    for a thousand of a thousand: in letters of its fonts, and with limits that no recorder reaches.
-    The page and the tables have them whole.
+    """Limits texts for the typesetter, which takes 50 s for one of a million letters and 800 MB for
+    a thousand of a thousand: to letters of its fonts, and to lengths that no recorder reaches. Page
+    and tables have them whole.
     """
 
     def __init__(self) -> None:
@@ -193,7 +194,7 @@ def _overview(facts: Facts) -> list[Part]:
 
 
 def _rests_on(facts: Facts) -> list[Part]:
-    """Return all rules where they are few, else one line for each limit."""
+    """Return all rules if they are few, else one line for each limit."""
     rules, lines = facts.verdict.rules, facts.verdict.summary
     if not rules:
         return []
@@ -222,7 +223,6 @@ def _drawn(facts: Facts, station: StationReport) -> list[Part]:
 
 
 def _figures(facts: Facts) -> list[FigureFacts]:
-    """Return every figure on paper."""
     ports = [
         figure
         for station in facts.stations
@@ -233,7 +233,7 @@ def _figures(facts: Facts) -> list[FigureFacts]:
 
 
 def _of_port(facts: Facts, port: PortFacts) -> list[FigureFacts]:
-    """Return the figures of a port; in a crowd only charts on which something stands out."""
+    """Return the figures of a port; with many ports only charts with signals."""
     joints = port.joints
     if (
         joints is None
@@ -248,7 +248,7 @@ def _of_port(facts: Facts, port: PortFacts) -> list[FigureFacts]:
 
 
 def _joints(facts: Facts) -> list[Part]:
-    """Return the joints by port and by unit; nothing where no tool makes any."""
+    """Return the joints by port and by unit; nothing if no tool makes any."""
     rows = jointed({"stations": [asdict(station) for station in facts.stations]})
     if not rows:
         return []
@@ -261,7 +261,7 @@ def _joints(facts: Facts) -> list[Part]:
 
 
 def _alarms(facts: Facts) -> Iterator[Part]:
-    """Yield the alarms, where their sources disagree, and the alarm figures."""
+    """Yield the alarms, where their sources disagree, and the alarm KPIs."""
     alarms = facts.alarms
     for text in facts.annotations_wrong:
         yield paragraph(f"{text}. Annotations from there on are not verified.", "fail")

@@ -50,8 +50,8 @@ def cells(words: Sequence[str], look: str = "") -> Part:
 
 @dataclass(frozen=True, slots=True)
 class Table(Generic[T]):
-    """A table: its heads, of which ">" sets a column to the right; how a fact becomes a row; and
-    where the facts after the first `most` are; a table without such a file has them all.
+    """A table: its heads, of which ">" aligns a column right; the conversion of a fact to a row;
+    and the file with the facts after the first `most`. Without such a file it has them all.
     """
 
     heads: Sequence[str]

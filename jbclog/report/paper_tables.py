@@ -16,7 +16,7 @@ from jbclog.report.paper_parts import Part, Table, cells
 from jbclog.report.safety import short
 from jbclog.report.text import RowView, bound_text, clock, interval, measured
 
-FEWER_ROWS: Final = 60  # of alarms and units
+FEWER_ROWS: Final = 60  # rows of the tables of alarms and units
 
 StationPort = tuple[StationReport, PortFacts]
 
@@ -103,7 +103,7 @@ def model_text(station: StationReport) -> str:
 
 
 def _count(port: PortFacts) -> str:
-    """Return the number of alarms; a dash where nothing was read, or nothing that has alarms."""
+    """Return the number of alarms; a dash if nothing was read, or the station has no alarms."""
     counts = port.states is None and port.air is None and port.recorded.coverage_percent is not None
     return str(port.alarms) if counts or port.alarms else "–"
 
@@ -250,9 +250,7 @@ OFTEN: Final = 3  # repetitions from which on they are merged
 
 
 def merge_repeated(events: Sequence[RowView]) -> list[RowView]:
-    """Return the events in their order; of repeated warnings only the first, with `times` and
-    `until`.
-    """
+    """Return the events in order; of repeated warnings only the first, with `times` and `until`."""
     alike: dict[tuple[object, ...], list[RowView]] = {}
     for event in events:
         alike.setdefault(_kind(event), []).append(event)

@@ -41,7 +41,7 @@ def coldness(drawn: Trace, measure: PortMeasure | None) -> str | None:
 
 
 def states_facts(lanes: Mapping[str, list[Span]]) -> StatesFacts:
-    """Return for how many seconds each unwanted state held; None where it was never read."""
+    """Return the seconds of each unwanted state; None if it was never read."""
     return StatesFacts(
         shortage_s=_held_s(lanes[SOLDER], SHORTAGE, BOTH),
         clogged_s=_held_s(lanes[SOLDER], CLOGGED, BOTH),

@@ -1,8 +1,8 @@
 """The stations of a report and their ports: rows, facts and figures.
 
-The rows of several ports come from one pass over the samples. A week at 10 Hz takes 17 bytes a row:
-its trace is made of some 33 000 rows at a time and joined. A port without a grid, of hot air, or
-that reports states alone is taken as a whole.
+The rows of several ports come from one pass over the samples. A week at 10 Hz takes 17 bytes per
+row: its trace is made of some 33 000 rows at a time and joined. A port without a grid, of hot air,
+or that reports only states is read as a whole.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ from jbclog.report.repeated import (
 from jbclog.report.zoom import zoom_of
 
 NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
-GROUPS_KEPT: Final = 32  # of row groups, until what they took is given back
-MOST_ROWS: Final = 8_000_000  # of several stations at once in memory, some 17 bytes each
+GROUPS_KEPT: Final = 32  # row groups after which their memory is returned
+MOST_ROWS: Final = 8_000_000  # rows of several stations in memory at once, some 17 bytes each
 TEXTS: Final = ("quality", "reasons", "status")
 COUNTED: Final = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
 READINGS: Final = ("temperature_c", "power_permille", "set_c")
@@ -85,7 +85,7 @@ class Context:
     ledger: Ledger
     cut_off: bool
     overview: Overview
-    has_overview: bool  # of a single port there is none
+    has_overview: bool  # with a single port there is none
     joints: Joints
     checks: Mapping[tuple[str, int], TipCheck]
     rules: Sequence[Mapping[str, object]]
@@ -111,11 +111,11 @@ def station_reports(run: Run, context: Context) -> Iterator[StationReport]:
 def port_facts(
     facts: StationFacts, port: int, file: str, samples: dict[int, PortSamples], context: Context
 ) -> PortFacts:
-    """Return one port from its rows, which are taken out of `samples` and freed; the files of its
+    """Return one port from its rows, which are removed from `samples` and freed; the files of its
     figures begin with `file`.
     """
     rows = samples.pop(port)
-    late_us = rows.late_us(0.99)  # before the trace: it takes as much memory
+    late_us = rows.late_us(0.99)  # before the trace, which takes as much memory
     drawn = replace(
         rows.trace(),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
@@ -127,7 +127,7 @@ def port_facts(
         rows.rows, late_us, drawn, measure, due_readings(context.ledger, facts, port)
     )
     seen = PortRows(rows.rows, last_known(drawn.temperature), rows.last_status)
-    del rows  # it holds what the trace is made of
+    del rows  # it holds the input of the trace
     pa.default_memory_pool().release_unused()
     if seen.number and context.has_overview:
         context.overview.add(
@@ -161,7 +161,7 @@ def port_facts(
 
 
 def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[FigureFacts]:
-    """Return the figure of the whole run and, where that is long, one of a minute of it."""
+    """Return the figure of the whole run and, if that is long, one of a minute of it."""
     figures = [
         _figure(
             f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded
@@ -209,7 +209,6 @@ def samples_of_stations(
 def _by_port(
     run: Run, stations: Sequence[StationFacts], steps: tuple[Step, ...]
 ) -> dict[str, dict[int, PortSamples]]:
-    """Return the rows of each port."""
     t0_utc_us = run.manifest.t0_utc_us
     grids = {facts.name: Grid(t0_utc_us, facts.period_s, steps) for facts in stations}
     found = {
@@ -233,7 +232,7 @@ def _by_port(
 
 
 def _rows(facts: StationFacts) -> float:
-    """Return the number of rows, infinite where it is not known."""
+    """Return the number of rows, infinite if not known."""
     if facts.first_tick is None or facts.last_tick is None:
         return inf
     return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
@@ -267,7 +266,7 @@ class PortSamples:
             self._joined.add(self._trace_held())
 
     def trace(self) -> Trace:
-        """Return the trace of all rows; they are given up."""
+        """Return the trace of all rows, and free them."""
         if self._at_once is None or not self.rows:
             return self._trace_held()
         if self._held:
@@ -275,7 +274,7 @@ class PortSamples:
         return self._joined.trace()
 
     def late_us(self, share: float) -> float | None:
-        """Return a quantile of how late the rows were; that is given up."""
+        """Return a quantile of how late the rows were, and free these times."""
         late_us, self._late_us = self._late_us.array(), GrowingColumn()
         return quantile(late_us, share) if len(late_us) else None
 
@@ -296,8 +295,8 @@ class PortSamples:
 
 
 def _narrow(rows: pa.Table) -> pa.Table:
-    """Return rows with dictionaries for texts, 32 bits for counts, and readings (whole numbers of
-    at most six digits) as floats.
+    """Return rows with dictionaries for texts, 32 bits for counts, and readings (integers of at
+    most six digits) as floats.
     """
     narrow = {name: rows[name].dictionary_encode() for name in TEXTS if name in rows.column_names}
     narrow |= {
@@ -310,7 +309,7 @@ def _narrow(rows: pa.Table) -> pa.Table:
 
 
 def _short(counts: pa.ChunkedArray, *kinds: pa.DataType) -> pa.ChunkedArray:
-    """Return counts as the first of these types that has them all; else as they are."""
+    """Return counts as the first of these types that holds them all; else unchanged."""
     for kind in kinds:
         with suppress(pa.ArrowInvalid):
             return counts.cast(kind)

@@ -1,8 +1,8 @@
-"""What a report repeats of its record as it stands there: manifest, annotations and the tables of
-events, settings and counters.
+"""Fields of a report that repeat its record: manifest, annotations and the tables of events,
+settings and counters.
 
-`gather` writes it; `agreement` compares it. What is computed from the samples (joints, metrics,
-figures, alarms) is not here.
+`gather` writes them; `agreement` compares them. Values computed from the samples (joints, metrics,
+figures, alarms) are not here.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BROKE_OFF = "The record ends while this station was still active."
 
 
 class PortRows(NamedTuple):
-    """How many rows a port has in `samples`, and its last temperature and status there."""
+    """The number of a port's rows in `samples`, and its last temperature and status there."""
 
     number: int = 0
     temperature_c: float | None = None
@@ -39,9 +39,7 @@ class PortRows(NamedTuple):
 
 
 def of_run(run: Run) -> dict[str, Any]:
-    """Return these fields of `Facts`; `verdict` and `stations` have parts of their own. Raises
-    `RecordError`.
-    """
+    """Return these fields of `Facts`, all but `verdict` and `stations`. Raises `RecordError`."""
     manifest, head, said = run.manifest, manifest_sha256(run.folder), read_annotations(run.folder)
     stated = {"schema": SCHEMA, "rules": RULES, "jbclog": __version__, "reproduce": REPRODUCE}
     lists = {
@@ -122,7 +120,7 @@ def of_station(facts: StationFacts, *, cut_off: bool) -> dict[str, Any]:
 
 def of_port(facts: StationFacts, port: int, rows: PortRows, *, cut_off: bool) -> dict[str, Any]:
     """Return the fields of `PortFacts` that repeat the manifest and the last readings, and the
-    state in which the run left it.
+    state in which the run left the port.
     """
     celsius = facts.last_temperature_c.get(port, rows.temperature_c)
     how = end_state(facts, port, celsius, rows.status, cut_off)
@@ -142,7 +140,9 @@ def of_port(facts: StationFacts, port: int, rows: PortRows, *, cut_off: bool) ->
 def verification(
     facts: StationFacts, port: int, check: TipCheck | None, rules: Sequence[Mapping[str, object]]
 ) -> dict[str, object] | None:
-    """Return the tip verification that was valid when the run began; None for what has no tip."""
+    """Return the tip verification that was valid when the run began; None for a tool without a
+    tip.
+    """
     has_tip = "temperature_c" in judged_signals(facts) and not has_air(facts)
     return (
         verification_facts(check, rules, facts.name, port) if has_tip or check is not None else None
@@ -189,7 +189,7 @@ def _duration_s(manifest: Manifest) -> float | None:
 
 
 def _rate(manifest: Manifest) -> str:
-    """Return the requested rate, and the actual rate of each station where it is recorded."""
+    """Return the requested rate, and the actual rate of each station if recorded."""
     if isinstance(manifest.rate, float):
         return f"{manifest.rate:g} Hz"
     known = {facts.name: facts for facts in manifest.stations if facts.asked_rate is not None}

@@ -84,7 +84,7 @@ def verification_facts(
 
 
 def _sentence(check: TipCheck) -> str:
-    """Return which verification it was, where there is one."""
+    """Return which verification it was, if there is one."""
     if check.time is None or check.days is None:
         return check.text
     offset = (

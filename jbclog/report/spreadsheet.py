@@ -1,7 +1,7 @@
 """The report's tables as CSV, for spreadsheets: `tables/rules.csv` and its neighbours.
 
-A point in numbers, nothing where nothing is known. A text that a spreadsheet would take for a
-formula has an apostrophe before it; numbers stay numbers (`jbclog.core.text`).
+Numbers have a decimal point, unknown values are empty. A text that a spreadsheet would evaluate as
+a formula has an apostrophe before it; numbers stay numbers (`jbclog.core.text`).
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
 
 
 def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, bytes]:
-    """Return each table by its name, from the facts as plain data, and from the joints."""
+    """Return table name -> CSV, from the facts as plain data and the joints."""
     rows: dict[str, Iterable[RowView]] = {
         name: row_views(document.get(name))
         for name in ("events", "settings", "counters", "metrics", "units")

@@ -20,7 +20,7 @@ SEVERITIES = ("critical", "error", "warning", "info")
 
 
 def plain_rows(table: pd.DataFrame, columns: Iterable[str]) -> list[Row]:
-    """Return the rows of a table with Python values: ISO times, None where a value is missing."""
+    """Return the rows of a table with Python values: ISO times, None for missing values."""
     rows = table[list(columns)].to_dict("records")
     return [{str(name): _plain(value) for name, value in row.items()} for row in rows]
 
@@ -32,8 +32,8 @@ def _plain(value: object) -> object:
 
 
 def by_station(rows: Iterable[Row], stations: Sequence[str]) -> list[Row]:
-    """Return the rows in the order of `stations` and ports; rows of a whole station come after
-    those of its ports.
+    """Return the rows ordered by `stations` and ports; rows of a whole station come after those of
+    its ports.
     """
     place = {name: number for number, name in enumerate(stations)}
     return sorted(
@@ -51,7 +51,7 @@ def _last_if_none(port: object) -> tuple[bool, int]:
 
 
 def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
-    """Return the events in their order; of more than `MOST_EVENTS` the gravest."""
+    """Return the events in order; of more than `MOST_EVENTS` the most severe."""
     left = None
     if len(events) > MOST_EVENTS:
         gravity = events["severity"].map(SEVERITIES.index)
@@ -81,8 +81,8 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
 
 
 def counter_rows(counters: pd.DataFrame) -> list[Row]:
-    """Return first and last reading of each counter and their difference; unknown where a reading
-    failed or the counter fell.
+    """Return first and last reading of each counter and their difference, which is unknown if a
+    reading failed or the counter fell.
     """
     found: dict[tuple[object, ...], list[Row]] = {}
     for row in plain_rows(counters, ["station", "port", "counter", "value", "unit", "raw"]):

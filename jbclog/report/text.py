@@ -1,6 +1,4 @@
-"""Times and figures as a report shows them, beside what every page shows
-(`jbclog/core/text.py`).
-"""
+"""Times and figures as a report shows them; `jbclog/core/text.py` has what all pages share."""
 
 from __future__ import annotations
 
@@ -16,21 +14,21 @@ from jbclog.core.text import number
 Row = dict[str, object]
 """A row of a table by its columns."""
 RowView = Mapping[str, object]
-"""A row that is only read."""
+"""A read-only row."""
 
 
 def items(value: object) -> Sequence[Any]:
-    """Return what a list of a report holds; nothing where it is none."""
+    """Return the items of a list in a report; empty if it is not a list."""
     return value if isinstance(value, list | tuple) else ()
 
 
 def row_views(value: object) -> list[RowView]:
-    """Return the objects in a list of a report; nothing where it is no list."""
+    """Return the objects in a list of a report; empty if it is not a list."""
     return [row for row in items(value) if isinstance(row, Mapping)]
 
 
 def mapping(value: object) -> RowView:
-    """Return an object of a report; an empty one where it is none."""
+    """Return an object of a report; empty if it is not an object."""
     return value if isinstance(value, Mapping) else {}
 
 
@@ -47,7 +45,7 @@ def clock(text: str | None, *, with_day: bool = False) -> str:
 
 
 def interval(row: Mapping[str, object], earliest: str, latest: str) -> str:
-    """Return ``14:15:30.372 to 30.478``, the times of two readings; a dash where there is none."""
+    """Return ``14:15:30.372 to 30.478``, the times of two readings; a dash without one."""
     first, last = (
         None if row.get(name) is None else clock(str(row[name])) for name in (earliest, latest)
     )
@@ -72,9 +70,7 @@ def measured(value: object, unit: str) -> str:
 
 
 def bound_text(bound: object, unit: str) -> str:
-    """Return the 95 % bound of a rule: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash where there is
-    none.
-    """
+    """Return the 95 % bound of a rule: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash without one."""
     if not isinstance(bound, Mapping) or not isinstance(bound.get("high"), int | float):
         return "–"
     low, high = bound.get("low"), round(float(bound["high"]), 2)

@@ -1,8 +1,8 @@
-"""Set `report.pdf` with typst: `templates/report.typ` is its look, its content comes as JSON.
+"""Sets `report.pdf` with typst: `templates/report.typ` has the layout, the content comes as JSON.
 
-Text from outside stays data: the template never evaluates it. Only the fonts in the package are
-used, so the same data give the same bytes on every machine. PDF/A-2a: tagged, with all fonts
-embedded, for archives.
+Foreign text stays data: the template never evaluates it. Only the fonts in the package are used, so
+the same data give the same bytes on every machine. PDF/A-2a: tagged, with all fonts embedded, for
+archives.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LACKING_MEANS: Final = (
     f"{LACKING} stands for a letter that the font of this paper lacks; report.html and report.json"
     " have it."
 )
-# combining marks behind a letter; the typesetter takes 2 GB for a thousand, 20 GB for four thousand
+# combining marks after a letter; the typesetter takes 2 GB for a thousand, 20 GB for four thousand
 MARKS: Final = 16
 UNUSUAL: Final = re.compile(r"[^\n -~]")  # the fonts have all letters but these
 FULL_UNICODE: Final = (3, 10)  # platform and encoding of a font's table of 32-bit characters
@@ -53,20 +53,20 @@ def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
 @cache
 def drawable(text: str) -> str:
     """Return the text with `LACKING` for each letter that the fonts lack, and for all combining
-    marks of a letter that has more than `MARKS`.
+    marks of a letter with more than `MARKS`.
     """
     if text.isascii() and text.isprintable():
         return text
     used = frozenset(UNUSUAL.findall(text))
     lacking = dict.fromkeys(map(ord, used - _letters()), LACKING)
-    # the drawing of a figure is long: to translate looks up each of its letters
+    # a figure's drawing is long, and `translate` would look up each character
     shown = text.translate(lacking) if lacking else text
     return _marks(MARKS + 1).sub(LACKING, shown) if used & _combining() else shown
 
 
 def drawable_in_figure(svg: str) -> str:
-    """Return the drawing with `LACKING` for what cannot be set in it, also for a combining mark
-    that is not one letter with the one before it.
+    """Return the drawing with `LACKING` for characters that cannot be set in it, including a
+    combining mark that does not compose with the letter before it.
     """
     return _marks(1).sub(LACKING, drawable(normalize("NFC", svg)))
 
@@ -89,14 +89,14 @@ def _fonts() -> typst.Fonts:
 
 @cache
 def _letters() -> frozenset[str]:
-    """Return the letters of both weights, and the end of a line, which the SVG of a figure has."""
+    """Return the letters of both weights, and the line break, which the SVG of a figure has."""
     regular, bold = (_in_font(_home() / name) for name in FONTS)
     return (regular & bold) | {"\n"}
 
 
 @cache
 def _marks(least: int) -> re.Pattern[str]:
-    """Return a pattern of so many combining marks in succession, and more."""
+    """Return a pattern of `least` or more combining marks in succession."""
     marks = "".join(sorted(_combining()))
     return re.compile(f"[{re.escape(marks)}]{{{least},}}")
 

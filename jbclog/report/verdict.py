@@ -24,8 +24,8 @@ LEAST_IS_WORST = ("coverage", "reached", "recovered_before_next")
 
 
 def summary(rules: Sequence[RowView]) -> list[dict[str, object]]:
-    """Return one line for the rules of one limit: how many passed, and the worst; nothing where
-    there are only a `FEW` rules.
+    """Return one line for the rules of one limit: how many passed, and the worst; empty for at most
+    `FEW` rules.
     """
     if len(rules) <= FEW:
         return []
@@ -63,7 +63,7 @@ def _line(rules: Sequence[RowView]) -> dict[str, object]:
 
 
 def _worst(rules: Sequence[RowView]) -> RowView | None:
-    """Return the rule furthest on the wrong side, or one without any value; None where nothing is
+    """Return the rule furthest on the wrong side, or one without any value; None if nothing is
     measured.
     """
     if rules[0]["name"] in LEAST_IS_WORST and (
@@ -94,8 +94,8 @@ NO_LIMITS = "The recipes state no limits; this is a record, not a release."
 
 
 def verdict_facts(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictFacts:
-    """Return the verdict with its reasons, the gravest first; `measuring` reads the samples where
-    it is judged here.
+    """Return the verdict with its reasons, the most severe first; `measuring` reads the samples if
+    the run is judged here.
     """
     if is_cut_off(manifest):
         return _cut_off(folder, manifest, measuring)
@@ -111,8 +111,8 @@ def verdict_facts(folder: Path, manifest: Manifest, measuring: Measuring) -> Ver
 
 
 def _cut_off(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictFacts:
-    """Return the verdict that `recover` gave, with the rules judged now on what is there: a cut-off
-    run is never accepted.
+    """Return the verdict that `recover` gave, with the rules judged now on the existing record: a
+    cut-off run is never accepted.
     """
     judgement = judge_again(folder, manifest, measuring=measuring)
     lost = [] if manifest.lost is None else [manifest.lost.text]
@@ -154,8 +154,8 @@ def _not_made_safe(stations: Sequence[RowView]) -> list[Reason]:
 def _of_rules(
     folder: Path, manifest: Manifest, measuring: Measuring
 ) -> tuple[str | None, dict[str, object] | None]:
-    """Return the version of the rules of a sealed verdict where it is not the latest, and the
-    verdict of the latest.
+    """Return the version of the rules of a sealed verdict if it is not the latest, and the verdict
+    of the latest.
     """
     if manifest.rules == RULES or manifest.verdict in (None, Verdict.NOT_JUDGED):
         return None, None
@@ -183,8 +183,8 @@ def _facts(
 
 
 def without_urls(text: str, urls: Sequence[str]) -> str:
-    """Return a sentence without the device of its station, which the station's part and the events
-    name.
+    """Return a sentence without the device of its station, which the station's section and the
+    events name.
     """
     for url in sorted(urls, key=len, reverse=True):
         if "/" in url:  # not a word that could stand anywhere
@@ -195,8 +195,8 @@ def without_urls(text: str, urls: Sequence[str]) -> str:
 
 
 def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
-    """Yield a sentence for each rule that did not pass, failures first; without any, one that says
-    so.
+    """Yield a sentence for each rule that did not pass, failures first; if there is none, a
+    sentence about that.
 
     The first one states where a recipe has figures judged without their bounds.
     """
@@ -228,7 +228,7 @@ def _sentence(rule: dict[str, object]) -> str:
 
 
 def _places(rules: list[dict[str, object]], result: str, sentence: str) -> str:
-    """Return every station and port of which the sentence holds: ``dde-1 ports 1, 2; ucr-1``."""
+    """Return every station and port for which the sentence holds: ``dde-1 ports 1, 2; ucr-1``."""
     ports: dict[str, list[str]] = {}
     for rule in rules:
         if (

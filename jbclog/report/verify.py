@@ -1,8 +1,9 @@
-"""Make a run's report and verdict again, and compare them with those in its folder; write nothing.
+"""Makes a run's report and verdict again, and compares them with those in its folder; writes
+nothing.
 
-A report of the same maker (version of jbclog and of its rules, typesetter, drawing library) has the
-same bytes. Of a report that names another maker everything is compared that does not depend on it.
-What is left is not known, and not known is no pass: a report can name any maker.
+A report of the same maker (versions of jbclog and its rules, typesetter, drawing library) has the
+same bytes. For a report that names another maker, everything that does not depend on it is
+compared. The rest is not known, and not known is not a pass: a report can claim any maker.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ from jbclog.report.maker import Maker, impossible, maker_of, newer, tools
 from jbclog.report.text import row_views
 from jbclog.report.write import DATA, PAGE, PAPER, report_files
 
-MOST: Final = 20  # figures of metrics that are listed
+MOST: Final = 20  # metrics listed
 
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What differs; what was not compared, so that it is not known whether it differs; notes on the
+    """Differences; what was not compared, so that it is not known whether it differs; notes on the
     verdict; a sentence each.
     """
 
@@ -50,8 +51,8 @@ class Verified:
 
 
 def verified(folder: Path | str) -> Verified:
-    """Make the report and the verdict again and compare them; recipes, line file and annotations
-    with manifest and chain.
+    """Make the report and the verdict again and compare them; compare recipes, line file and
+    annotations with manifest and chain.
     """
     folder = Path(folder)
     expect_no_links(folder)
@@ -84,7 +85,8 @@ def _of_files(folder: Path, manifest: Manifest) -> tuple[list[str], list[str]]:
         if name == DATA or name in left or name not in differing
     ]
     found += [
-        f"{folder / DATA}: {text}" for text in [*impossible(maker), *_unlike(maker, there, here)]
+        f"{folder / DATA}: {text}"
+        for text in [*impossible(maker), *_differences(maker, there, here)]
     ]
     return found, [f"{folder}: {_named(left)}: {_why(maker, folder)}"]
 
@@ -105,7 +107,7 @@ def _why(maker: Maker, folder: Path) -> str:
 
 
 def _depend_on(maker: Maker, differing: Mapping[str, str]) -> list[str]:
-    """Return the differing files whose bytes another maker can have made otherwise."""
+    """Return the differing files whose bytes may depend on the maker."""
     if not maker.has_these_words:
         return [*differing]
     if maker.tools["drawn_by"] != tools()["drawn_by"]:
@@ -117,7 +119,7 @@ def _depend_on(maker: Maker, differing: Mapping[str, str]) -> list[str]:
     return [name for name in differing if name in (PAPER, DATA)]
 
 
-def _unlike(maker: Maker, there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
+def _differences(maker: Maker, there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
     """Yield what differs in `report.json` although its maker uses the same rules and methods."""
     if maker.has_these_words:
         keys = [
@@ -158,7 +160,7 @@ def _changed(folder: Path, manifest: Manifest) -> list[str]:
 
 
 def _annotated_since(folder: Path) -> list[str]:
-    """Return why the whole report differs, where annotations are newer than it."""
+    """Return why the whole report differs, if annotations are newer than it."""
     report = report_in(folder)
     if (
         report is None

@@ -1,8 +1,8 @@
-"""Write `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the
+"""Writes `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the
 folder of a run, each atomically.
 
-The same run gives the same bytes: no creation time, no random names, everything in order. So a
-report can be made again at any time and compared (`verify.py`).
+The same run gives the same bytes: no creation time, no random names, everything sorted. So a report
+can be made again at any time and compared (`verify.py`).
 """
 
 from __future__ import annotations
@@ -38,22 +38,23 @@ PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write the report of the sealed run in `folder`; return the path of its page. Raises
-    `RecordError`.
+    """Write the report of the sealed run in `folder`; return the path of its page.
+
+    Raises `RecordError`.
     """
     folder = Path(folder)
     expect_no_links(folder)
-    for name, content in _vouched_for(folder).items():
+    for name, content in _with_recorded_hash(folder).items():
         _write(folder / name, content)
     return folder / PAGE
 
 
-def _vouched_for(folder: Path) -> dict[str, bytes]:
-    """Return every file of a report, after a line of the annotations has the hash of `report.json`,
-    which has those of all others.
+def _with_recorded_hash(folder: Path) -> dict[str, bytes]:
+    """Return every file of a report, after recording the hash of `report.json`, which has the
+    hashes of all others, in the annotations.
 
-    The line comes first: after a crash an unchanged report may count as changed, never a changed
-    one as unchanged. Raises `RecordError`.
+    The annotation comes first: after a crash an unchanged report may count as changed, never a
+    changed one as unchanged. Raises `RecordError`.
     """
     files = report_files(folder)
     wrong = read_annotations(folder).wrong
@@ -67,7 +68,7 @@ def _vouched_for(folder: Path) -> dict[str, bytes]:
 
 @contextmanager
 def _memory_given_back() -> Iterator[None]:
-    """Let Arrow take memory from the system: a pool of its own keeps what decoding took, twice the
+    """Let Arrow use the system's allocator: its own pool keeps the memory of decoding, twice the
     rows of a long run.
     """
     before = pa.default_memory_pool()
@@ -81,8 +82,9 @@ def _memory_given_back() -> Iterator[None]:
 @_memory_given_back()
 @KEPT.while_in_use()
 def report_files(folder: Path) -> dict[str, bytes]:
-    """Return every file of a report by its name. Raises `RecordError`, also for a run that is still
-    open.
+    """Return file name -> content for every file of a report.
+
+    Raises `RecordError`, also for a run that is still open.
     """
     run = open_run(folder)
     if not run.manifest.is_sealed:

@@ -1,5 +1,5 @@
-"""The data of the interactive view: the readings of a port, or the least and greatest of equal
-stretches where they are too many.
+"""The data of the interactive view: the readings of a port, or minimum and maximum of equal
+intervals if they are too many.
 
 A page holds at most `MOST_READINGS` of all ports. A port with more rows than its share has the band
 of the whole run and single readings around alarms, errors, gaps and joints. The data are a JSON
@@ -30,12 +30,12 @@ Ints = NDArray[np.int64]
 
 # rows of all ports together, some 3 bytes each: four ports for eight hours at 10 Hz
 MOST_READINGS: Final = 1_200_000
-MOST_SPANS: Final = 120_000  # of each lane, of all ports together
-LEAST_SPANS: Final = 8_000  # of each lane of one port
-BAND_SHARE: Final = 8  # a stretch costs more than a row: this part of a port's share
+MOST_SPANS: Final = 120_000  # spans of each lane, of all ports together
+LEAST_SPANS: Final = 8_000  # spans of each lane of one port
+BAND_SHARE: Final = 8  # an interval costs more than a row: this part of a port's share
 AROUND_MARK_S, AROUND_GAP_S, AROUND_JOINT_S = 30.0, 10.0, 15.0
 LONG_GAP_S: Final = 1.0
-# no number of a sound record comes near it; a browser's numbers are exact to 2^53
+# above every number of a sound record; a browser's numbers are exact to 2^53
 BOUND: Final = 2**40
 LONGEST_WORD: Final = 140  # three reasons with their columns fit
 LONGEST_REASON: Final = 20
@@ -43,12 +43,12 @@ VARINTS_AT_ONCE: Final = 1 << 14
 
 
 def share(ports: int) -> int:
-    """Return how many rows each of so many ports may have in the page."""
+    """Return how many rows each of `ports` ports may have in the page."""
     return MOST_READINGS // max(ports, 1)
 
 
 def zoom_of(trace: Trace, most: int) -> str | None:
-    """Return the data of a port with at most `most` rows; None where there is no temperature."""
+    """Return the data of a port with at most `most` rows; None without a temperature."""
     if trace.states or np.isnan(trace.temperature).all():
         return None
     words, page = _Words(), _in_page(trace, most)
@@ -60,8 +60,8 @@ def zoom_of(trace: Trace, most: int) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class _InPage:
-    """What of a port is in the page: which of its rows, in how many stretches its bands are, which
-    lanes, and how long those are that are left out.
+    """The part of a port that is in the page: its rows, the number of intervals of its bands, its
+    lanes, and the length of the lanes left out.
     """
 
     columns: Mapping[str, Readings]
@@ -91,8 +91,8 @@ def _in_page(trace: Trace, most: int) -> _InPage:
 
 
 def _stream(trace: Trace, page: _InPage, words: _Words) -> list[Ints]:
-    """Return the numbers: rows, their reasons, bands, lanes, settings. Their texts go into `words`
-    in this order.
+    """Return the numbers: rows, their reasons, bands, lanes, settings. Their texts are added to
+    `words` in this order.
     """
     columns, kept = page.columns, page.rows
     reasons = (
@@ -152,7 +152,7 @@ class _Words:
         """
         names = [*texts.categories, None]
         known = np.zeros(len(texts.categories) + 1, dtype=np.int64)
-        for code in pd.unique(texts.codes):  # in the order in which they come
+        for code in pd.unique(texts.codes):  # in order of occurrence
             known[code] = self.code(_reasons(names[code], columns))
         return np.asarray(np.take(known, texts.codes), dtype=np.int64)
 
@@ -166,10 +166,10 @@ def _reasons(text: str | None, columns: Iterable[str]) -> str | None:
 
 
 def varints(values: Ints) -> bytes:
-    """Return each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit
-    set where more follow.
+    """Return each number as a zigzag varint: seven bits per byte, the lowest first, the highest bit
+    set if more follow.
     """
-    # each number takes some 300 bytes on the way
+    # each number takes some 300 bytes meanwhile
     return b"".join(_varints(values[rows]) for rows in blocks(len(values), VARINTS_AT_ONCE))
 
 
@@ -190,7 +190,7 @@ def _integers(values: Readings) -> Ints:
 
 
 def _steps(values: Ints) -> Ints:
-    """Return each value as the difference to the one before it."""
+    """Return the difference of each value to the one before it."""
     return np.diff(values, prepend=0)
 
 
@@ -218,8 +218,8 @@ def _rows(places: Floats, columns: Iterable[Readings]) -> list[Ints]:
 
 
 def _band(trace: Trace, values: Readings, count: int) -> list[Ints]:
-    """Return the least value in each of `count` equal stretches of the run, and how far above it
-    the greatest is.
+    """Return the minimum in each of `count` equal intervals of the run, and how far above it the
+    maximum is.
     """
     found = Stretches(count)
     for rows in blocks(len(values)):
@@ -252,7 +252,7 @@ def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
 
 
 def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
-    """Yield the stretches that keep single readings, the gravest first."""
+    """Yield the times for which single readings are kept, the most severe first."""
     for kind in MARKS.values():
         for mark in trace.marks:
             if mark.kind is kind:
@@ -286,7 +286,6 @@ def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
 
 
 def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:
-    """Return the lanes of the static figure, and the joints."""
     states = {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
     return {
         **states,

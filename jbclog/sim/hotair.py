@@ -58,7 +58,7 @@ class Heater:
         return loss * (target_c - self.ambient_c) + GAIN_W_PER_K * (target_c - self.temperature_c)
 
     def _leave_limit(self, seconds: float, target_c: float, loss: float) -> float:
-        """Simulate as long as the regulator's output is limited; return the remaining seconds."""
+        """Simulate while the regulator's output is limited; return the remaining seconds."""
         asked_w = self._asked_w(target_c, loss)
         if 0.0 <= asked_w <= self.rated_w:
             return seconds
@@ -231,7 +231,7 @@ class AirStation:
 
     @property
     def stream(self) -> float:
-        """The present share of the maximum air flow, 0 to 1."""
+        """Present share of the maximum air flow, 0 to 1."""
         if self.is_cooling:
             return 1.0
         return (
@@ -413,7 +413,7 @@ class AirModel:
         return self.station.settings if command.scope is Scope.PORT else self.station.limits
 
     def _range(self, command: Command) -> tuple[float, float]:
-        """Return minimum and maximum of a setting; for a limit, its counterpart bounds it."""
+        """Return minimum and maximum of a setting; a limit is bounded by its counterpart."""
         limits = self.station.limits
         if command.within is not None:
             lowest, highest = (setting(limits, name) if name else -9999 for name in command.within)

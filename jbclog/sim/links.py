@@ -59,7 +59,7 @@ DATA_BITS = 8
 def heard(
     data: bytes, sender: LineFormat, receiver: LineFormat, *, keeps_errors: bool = False
 ) -> bytes:
-    """Return what `receiver` reads from `data`, sent without a pause by `sender`.
+    """Return the bytes that `receiver` reads when `sender` sends `data` without a pause.
 
     Drops characters with a wrong parity or stop bit, as a careful station does, or keeps them, as
     Linux does with the usual settings.
@@ -100,7 +100,7 @@ def _received(levels: list[int], baudrate: int, receiver: LineFormat) -> Iterato
         ]
         start, *bits = [level_at(moment) for moment in looked]
         data, parity, stop = bits[:DATA_BITS], bits[DATA_BITS:-1], bits[-1]
-        if start == 0:  # else a spike
+        if start == 0:  # otherwise a spike
             yield (
                 sum(bit << place for place, bit in enumerate(data)),
                 stop == IDLE and parity == _parity(sum(data), receiver),
@@ -160,7 +160,7 @@ class Waiter:
     def wait(self, seconds: float | None) -> None:
         """Wait until a descriptor is readable or `seconds` are nearly over, and call back.
 
-        A callback removes no descriptor but its own.
+        A callback may remove only its own descriptor.
         """
         if self._coarse and seconds is not None:
             aim = seconds - LEAD_S if seconds > LONG_S else max(seconds, 0.0)
@@ -255,7 +255,7 @@ class PtyLink:
 
     def send(self, data: bytes) -> None:
         if self._station is not None:
-            with suppress(BlockingIOError):  # the buffer is full: nobody reads
+            with suppress(BlockingIOError):  # the buffer is full because nobody reads
                 os.write(
                     self._station,
                     heard(data, self._line, line_set(self._station, self._line), keeps_errors=True),

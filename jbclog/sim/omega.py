@@ -152,7 +152,7 @@ KINDS: Final = PHYSICS | {"silence", "noise", "flip", "late", "nak", "dropout"}
 COMMANDS = FAMILIES["omega"].commands
 BY_LETTER = {command.letters: command for command in COMMANDS.values()}
 RECORD, NUMBER = StoredCondition(), ConditionNumber()
-SET_C = 350  # of condition 399, which sets a temperature
+SET_C = 350  # temperature of condition 399
 
 
 class VirtualOmega(FaultyStation):

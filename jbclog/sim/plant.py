@@ -82,7 +82,6 @@ class Feeder:
         return self.cycles + (self._start > -inf and self.motor(now) == 0)
 
     def _count(self) -> None:
-        """Add the finished feed to the counters."""
         if self._start > -inf:
             self.fed_mm = self.dispensed_mm(self._forward_until)
             self.cycles += 1

@@ -149,7 +149,7 @@ class Contents:
 # one, with a probe in between. These requests form one group: their answers confirm or contradict
 # each other, and a single one may be wrong. A group is replayed in order or skipped as a whole.
 
-# from an answer to the next read of its group, at most: the recorder's host may have been busy
+# maximum time from an answer to the next read of its group: the recorder's host may have been busy
 LOOK_S = 0.25
 RETRY_S = 1.0  # the same after a garbled answer: a time-out, and a probe's answer
 MOST = 9  # three looks, each with three tries

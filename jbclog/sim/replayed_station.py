@@ -249,7 +249,7 @@ class ReplayedStation:
         row, is_in_time = self._rows[question], self._is_in_time and self._offsets
         if not (self._reach_due(question, now) if is_in_time else self._reach(question, 1)):
             return None
-        self._leave(left, now)
+        self._skip_exchanges(left, now)
         if is_in_time:
             self._skip_groups(row, question, now)
         return self._begin_group(row.popleft())
@@ -289,10 +289,9 @@ class ReplayedStation:
         ):
             if row[0].has_flags:
                 return  # flags stay until they are read
-            self._leave(deque(row.popleft().all), now)
+            self._skip_exchanges(deque(row.popleft().all), now)
 
-    def _leave(self, left: deque[Exchange], now: float) -> None:
-        """Skip these exchanges."""
+    def _skip_exchanges(self, left: deque[Exchange], now: float) -> None:
         while left:
             self.left_out += 1
             self._lose(left.popleft(), now)
@@ -357,7 +356,7 @@ class ReplayedStation:
             self._is_in_time = True
 
     def _lose(self, one: Exchange, now: float) -> None:
-        """Lose the link if it was lost after this exchange, and has not been since."""
+        """Lose the link if it was lost after this exchange, and has not been lost since."""
         if one.lost_s is not None and one.at_s not in self._lost_after:
             self._lost_after.add(one.at_s)
             self._outages.append((now + one.lost_s, now + one.back_s))

@@ -135,7 +135,7 @@ class Server:
             one.link.pull_out()
 
     def _do_what_is_due(self) -> float | None:
-        """Run due calls; return the seconds until the next, None for none."""
+        """Run due calls; return the seconds until the next, or None."""
         while self._due:
             ahead = self._due[0][0] - monotonic()
             if ahead > 0:
@@ -146,19 +146,18 @@ class Server:
     def _at(self, moment: float, do: Callable[[], None]) -> None:
         heapq.heappush(self._due, (moment, next(self._number), do))
 
-    def _hear(self, one: Served, data: bytes, now: float) -> None:
+    def _receive(self, one: Served, data: bytes, now: float) -> None:
         self._wire_file.note(now, one.station.name, "question", data)
         for reply in one.station.receive(data, now):
-            self._at(reply.at, partial(self._say, one, reply.data))
+            self._at(reply.at, partial(self._send, one, reply.data))
         if one.station.name not in self._awaited:
             self._await_plugging(one, now)
 
-    def _say(self, one: Served, data: bytes) -> None:
+    def _send(self, one: Served, data: bytes) -> None:
         one.link.send(data)
         self._wire_file.note(monotonic(), one.station.name, "answer", data)
 
     def _await_plugging(self, one: Served, now: float) -> None:
-        """Schedule the next plugging, if the station has one."""
         moment = one.station.next_plugging(now)
         if moment is not None:
             self._awaited.add(one.station.name)
@@ -175,4 +174,4 @@ class Server:
         self._await_plugging(one, moment)
 
     def _plug_in(self, one: Served) -> None:
-        one.link.plug_in(partial(self._hear, one))
+        one.link.plug_in(partial(self._receive, one))

@@ -113,7 +113,7 @@ def _make(folder: Path) -> None:
 
 
 def tcp_of(text: str) -> Tcp:
-    """Parse ``HOST:PORT``: stations take this port and the next ones; 0: any that are free."""
+    """Parse ``HOST:PORT``: stations take this port and the next ones; 0: any free ones."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdecimal() or int(port) > MOST_PORT:
         raise UsageError(f"{text} is not HOST:PORT")

@@ -1,6 +1,6 @@
 """The heated tip of a virtual tool, and the joints that cool it.
 
-One heat capacity loses heat to the air and, in a joint, to the work. A proportional and integral
+One heat capacity loses heat to the air and, in a joint, to the work. A proportional-integral
 regulator with limited output makes the tip dip in a joint, the power rise, and the integral part
 bring the tip back. Each step is the exact exponential of its regime (heater full, regulating, or
 off), so steps may be as long as a joint.
@@ -18,7 +18,7 @@ from jbclog.core.quantities import Off
 # same, so that a run can be repeated.
 
 LOAD_W_PER_K = 0.35
-LOAD_C = 150.0  # of solder and pad while being heated
+LOAD_C = 150.0  # temperature of solder and pad while heated
 MOST_OF_PERIOD = 0.6  # maximum duration of a joint, as a share of the time between two
 
 
@@ -154,7 +154,7 @@ class Tip:
         )
 
     def _leave_limit(self, seconds: float, target_c: float, sink_w: float, loss: float) -> float:
-        """Simulate as long as the regulator's output is limited; return the remaining seconds."""
+        """Simulate while the regulator's output is limited; return the remaining seconds."""
         asked_w = self.integral_w + GAIN_W_PER_K * (target_c - self.temperature_c)
         if 0.0 <= asked_w <= self.rated_w:
             return seconds

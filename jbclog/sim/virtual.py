@@ -36,7 +36,7 @@ from jbclog.sim.quirks import QUIRKS, Quirks
 from jbclog.sim.soldering import Identity, SolderingModel, StationModel, TableRequest
 from jbclog.sim.tip import JointSchedule, Tip
 
-MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the model has the family's name
+MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # model of a family; otherwise its name
 PORTS_IF_UNPRINTED = (1, 2)
 TIP_W, HOT_AIR_W = 130.0, 900.0
 
@@ -177,7 +177,7 @@ def _value(device: Device, name: str, given: int | float | str) -> Value:
 
 
 KNOWN_QUESTIONS = 512  # cached requests; the same ones recur
-MOVED: Answer = ("A", "SAD")  # the acknowledgement of a change of address
+MOVED: Answer = ("A", "SAD")  # acknowledgement of a change of address
 
 
 class Reply(NamedTuple):
@@ -283,7 +283,7 @@ class VirtualStation(FaultyStation):
 
     def _reply(self, found: Frame | CorruptFrame, heard: float) -> Reply | None:
         """Reply to one frame; None is silence: another address, other framing, a restart."""
-        frame = found if isinstance(found, Frame) else _remains(found.raw)
+        frame = found if isinstance(found, Frame) else _partial_frame(found.raw)
         if frame.target != self.device.identity.address:
             return self._refuse_other(frame, heard) if self.device.quirks.refuses_others else None
         self._let_faults_happen(heard)
@@ -352,7 +352,7 @@ def _why_corrupt(raw: bytes) -> int:
     return WRONG_FORMAT if check_byte(raw[:-1]) == raw[-1] else WRONG_CHECK
 
 
-def _remains(raw: bytes) -> Frame:
+def _partial_frame(raw: bytes) -> Frame:
     """Return addresses and text of a corrupt request, as far as possible."""
     text = raw[1:-2].decode("ascii")
     addresses = text[:4]

@@ -1,11 +1,10 @@
 """The episodes of the three detectors, from a record.
 
-A, the station's flags (events `alarm.high`, `alarm.low`, `alarm.unconfirmed` and ``.ended``):
-raised between two readings of the flags, and ended between two. After a lost answer
-(`alarm.unknown`) the state is not known until the next reading. Flags from before the run, and
-flags of tools that do not count, give no episode. B, our samples: beyond the limit for the
-on-delay, until back by the deadband for the off-delay; the same as the recorder detected. C, our
-samples: every excursion beyond the limit.
+A, the station's flags (events `alarm.high`, `alarm.low`, `alarm.unconfirmed` and ``.ended``): they
+begin and end between two readings of the flags. After a lost answer (`alarm.unknown`) the state is
+unknown until the next reading. Flags from before the run, and of tools that do not count, make no
+episode. B, our samples: beyond the limit for the on-delay, until back by the deadband for the
+off-delay, as the recorder detects it. C, our samples: every excursion beyond the limit.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ Counts = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LOOK_ROWS: Final = 256  # that are looked at together, twice as many after so many quiet ones
-SINGLE_ROWS: Final = 64  # that are taken one by one after one that may change something
+LOOK_ROWS: Final = 256  # rows examined at once; doubled after as many quiet ones
+SINGLE_ROWS: Final = 64  # rows taken one by one after a row that may change something
 
 SAMPLED = (Detector.SAMPLES, Detector.AFTERWARDS)
 UNKNOWN = "alarm.unknown"
@@ -42,9 +41,10 @@ _ENDED = {"alarm.high.ended": Side.HIGH, "alarm.low.ended": Side.LOW}
 
 
 class Rows(NamedTuple):
-    """The samples of one port as columns. `read`: temperature and status were read. `works`: the
-    tool works. `set_c` is NaN where it was not read. `steps_us`: row -> size of the clock step just
-    before it.
+    """The samples of one port as columns.
+
+    `read`: temperature and status were read. `works`: the tool works. `set_c` is NaN if not read.
+    `steps_us`: row -> size of the clock step just before it.
     """
 
     time_us: Counts
@@ -71,8 +71,8 @@ class SampledEpisodes:
     """The episodes of one port by its samples; `found` has them in the order in which they were
     raised.
 
-    `changes` of settings and tools are oldest first, their times less the steps of the wall clock
-    before them. `rules` None: the defaults.
+    `changes` of settings and tools are ordered by time, corrected for the clock steps before them.
+    `rules` None: the defaults.
     """
 
     def __init__(
@@ -90,21 +90,21 @@ class SampledEpisodes:
         self.found: list[Episode] = []
 
     def feed(self, rows: Rows) -> None:
-        """Take the next rows, oldest first. Rows that change nothing are passed by together."""
+        """Take the next rows, oldest first; skip blocks of rows that change nothing."""
         place, count, look = 0, len(rows.time_us), LOOK_ROWS
         while place < count:
             quiet = self._watch.quiet_range()
             if quiet is not None:
                 until = min(place + look, count)
-                first = self._pass_by(rows, slice(place, until), quiet)
+                first = self._skip_quiet(rows, slice(place, until), quiet)
                 look, place = 2 * look if first == until else LOOK_ROWS, first
             if place < count and (quiet is None or place < until):
                 until = min(place + SINGLE_ROWS, count)
                 self._take(rows, slice(place, until))
                 place = until
 
-    def _pass_by(self, rows: Rows, some: slice, quiet: tuple[float, float]) -> int:
-        """Pass by the rows before the first that may change something, and return its place."""
+    def _skip_quiet(self, rows: Rows, some: slice, quiet: tuple[float, float]) -> int:
+        """Skip the rows before the first that may change something, and return its index."""
         values, read, (low, high) = rows.temperature_c[some], rows.read[some], quiet
         eventful = read & rows.works[some] & ((values < low) | (values > high))
         eventful |= rows.time_us[some] > self._watch.due_us
@@ -125,7 +125,6 @@ class SampledEpisodes:
         return int(some.start) + count
 
     def _take(self, rows: Rows, some: slice) -> None:
-        """Take these rows one by one."""
         take, steps, found = self._watch.row, rows.steps_us, self.found
         columns = zip(
             range(some.start, some.stop),
@@ -151,7 +150,7 @@ class SampledEpisodes:
 def flag_episodes(events: Iterable[EventRow], reads: Sequence[FlagRead] = ()) -> list[Episode]:
     """Return the episodes of one port by its station's flags, from its alarm events.
 
-    `reads` are readings of the flags; they show whether an episode ended while an answer was lost.
+    `reads` are readings of the flags that show whether an episode ended while an answer was lost.
     """
     found: list[Episode] = []
     active: dict[Side, Episode] = {}
@@ -171,8 +170,8 @@ def flag_episodes(events: Iterable[EventRow], reads: Sequence[FlagRead] = ()) ->
 
 
 def _lose(episode: Episode, event: EventRow) -> None:
-    """Mark an episode as uncertain because an answer was lost; until its end is known, `cleared_us`
-    is the last reading before.
+    """Mark an episode as uncertain after a lost answer; until its end is known, `cleared_us` is the
+    last reading before.
     """
     if not episode.is_lost:
         episode.is_lost = episode.is_uncertain = True
@@ -214,7 +213,7 @@ def _new(event: EventRow, side: Side) -> Episode:
 
 
 def _end_if_read_off(episode: Episode, reads: Iterable[FlagRead]) -> None:
-    """End an uncertain episode at the first reading after the lost answer with its flag off."""
+    """End an uncertain episode at the first reading after the lost answer with the flag off."""
     since_us = episode.cleared_us
     if not episode.is_lost or since_us is None:
         return
@@ -226,5 +225,5 @@ def _end_if_read_off(episode: Episode, reads: Iterable[FlagRead]) -> None:
 
 
 def earliest_us(event: EventRow) -> int:
-    """Return the start of the interval in which an event happened, UTC microseconds."""
+    """Return the earliest time of an event, UTC microseconds."""
     return event.time if event.earliest is None else event.earliest

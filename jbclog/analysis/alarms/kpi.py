@@ -44,7 +44,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Seconds:
-    """A time in s computed from `n` alarms; if None, `why` has the reason."""
+    """A duration in s from `n` alarms; if None, `why` has the reason."""
 
     value: float | None
     n: int
@@ -56,9 +56,10 @@ class Figures:
     """The KPIs of one station by one detector. Times are UTC microseconds; a flood that has not
     ended has None as its end.
 
-    `apart`: mean time between alarms. `ack_p50`, `ack_p95`: acknowledgement latency. `per_10_min`:
-    mean over the record; None if nothing was recorded. `chattering`: for each chattering limit the
-    highest number of alarms within a minute.
+    - `apart`: mean time between alarms
+    - `ack_p50`, `ack_p95`: acknowledgement latency
+    - `per_10_min`: mean over the record; None if nothing was recorded
+    - `chattering`: chattering limit -> highest number of alarms within a minute
     """
 
     station: str
@@ -85,7 +86,7 @@ def figures(
     end_us: int | None,
     acknowledged_us: Mapping[str, int] = MappingProxyType({}),
 ) -> Figures:
-    """Return the KPIs of `station` over its record from `begin_us` to `end_us` (None: nothing was
+    """Return the KPIs of a station over its record from `begin_us` to `end_us` (None: nothing was
     recorded).
 
     `acknowledged_us`: name of an episode -> when it was acknowledged.
@@ -130,8 +131,8 @@ def _apart(count: int, length_s: float | None) -> Seconds:
 
 
 def _waited_s(episodes: Sequence[Episode], acknowledged_us: Mapping[str, int]) -> list[float]:
-    """Return the sorted latencies of acknowledged episodes; leaves out negative ones, which come
-    from a clock that was set back.
+    """Return the sorted latencies of acknowledged episodes, without negative ones, which come from
+    a clock that was set back.
     """
     waited = [
         (acknowledged_us[one.id] - _raised_us(one)) / 1e6
@@ -142,7 +143,7 @@ def _waited_s(episodes: Sequence[Episode], acknowledged_us: Mapping[str, int]) -
 
 
 def _latency(waited: Sequence[float], count: int, share: float) -> Seconds:
-    """Return a quantile of the latencies, interpolated linearly."""
+    """Return a quantile of the latencies, linearly interpolated."""
     if not waited:
         return Seconds(
             None, 0, "No alarm was raised." if not count else f"None of {count} was acknowledged."
@@ -193,7 +194,7 @@ def _floods(
 
 
 def _chattering(episodes: Sequence[Episode]) -> dict[str, int]:
-    """Return each chattering limit, with the most alarms that it raised within a minute."""
+    """Return chattering limit -> highest number of alarms within a minute."""
     most: dict[str, int] = {}
     recent: dict[str, deque[int]] = {}
     for one in sorted(episodes, key=_raised_us):

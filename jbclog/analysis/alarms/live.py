@@ -1,7 +1,7 @@
 """Detects alarms (detector B) while a run is recorded, and adds their events to the record.
 
-Uses only what is recorded, so the analysis of the record finds the same episodes. A row within all
-limits costs one look-up and two comparisons.
+Uses recorded values only, so that the analysis of the record finds the same episodes. A row within
+all limits costs one look-up and two comparisons.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ class LiveAlarms:
         self._stepped_us = 0
 
     def facts(self, facts: StationFacts) -> None:
-        """Take a station's period and rules."""
+        """Add a station's period and rules."""
         self._facts[facts.name] = facts
 
     def setting(self, row: SettingRow) -> None:
-        """Take a setting that was read back before sampling began; later changes come as events."""
+        """Add a setting that was read before sampling began; later changes come as events."""
         if row.setting in WATCHED and row.port is not None and row.readback is not None:
             self._change((row.station, row.port), Change(BEFORE_ALL, row.setting, row.readback))
 
     def event(self, event: EventRow) -> None:
-        """Take a change of a setting or a tool, or a step of the wall clock; ignore others."""
+        """Add a change of a setting or tool, or a step of the wall clock; ignore other events."""
         if event.kind == "clock.step" and event.value:
             self._step(round(event.value * 1e6))
         elif event.station is not None and event.port is not None:
@@ -67,7 +67,7 @@ class LiveAlarms:
                 self._change((event.station, event.port), change)
 
     def sample(self, row: SampleRow) -> None:
-        """Take the next row of any port."""
+        """Add the next row of any port."""
         watch = self._watches.get((row[_STATION], row[_PORT]))  # type: ignore[arg-type]  # a row is a list of anything
         if watch is None:
             watch = self._begin(str(row[_STATION]), int(str(row[_PORT])))
@@ -106,7 +106,7 @@ class LiveAlarms:
 
 
 def rules_of(facts: StationFacts | None) -> Rules:
-    """Return the rules of a station's recipe, as in its facts; the defaults for what these lack."""
+    """Return the rules of a station's recipe, as in its facts, completed by the defaults."""
     stated = (
         {}
         if facts is None
@@ -116,7 +116,7 @@ def rules_of(facts: StationFacts | None) -> Rules:
 
 
 def change_of(kind: str, at_us: int, raw: str | None) -> Change | None:
-    """Return what an event of one port changes for its alarms, or None."""
+    """Return the change that an event of a port makes to its alarms, or None."""
     if kind == "tool.changed":
         return Change(at_us, TOOL)
     name, equals, text = (raw or "").partition("=")

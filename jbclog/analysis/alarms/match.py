@@ -2,7 +2,7 @@
 disagree.
 
 Episodes of one port and side belong to one incident if their widest intervals overlap: from the
-last reading without the alarm to the first reading without it again. A disagreement is a finding, a
+last reading without the alarm to the first reading without it again. A disagreement is a finding: a
 sentence with the possible causes.
 """
 
@@ -16,7 +16,9 @@ from jbclog.analysis.alarms.state_machine import Detector, Episode, Side
 
 
 class Unknown(NamedTuple):
-    """The answer to the alarm flags was lost at `time_us`; last read before at `earliest_us`."""
+    """The answer to the alarm flags was lost at `time_us`; the previous reading was at
+    `earliest_us`.
+    """
 
     earliest_us: int
     time_us: int
@@ -38,8 +40,8 @@ class Incident:
 
     @property
     def name(self) -> str:
-        """The name of its main episode: the first by our samples, else by the station's flags, else
-        of the excursions.
+        """Name of the main episode: the first by our samples, else by the station's flags, else of
+        the excursions.
         """
         ranks = (Detector.SAMPLES, Detector.STATION, Detector.AFTERWARDS)
         return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us)).id
@@ -54,10 +56,10 @@ def incidents(
     unknown: Mapping[tuple[str, int], Sequence[Unknown]],
     with_flags: Iterable[str],
 ) -> list[Incident]:
-    """Return all incidents with their findings in the order in which they began, numbered from 1.
+    """Return all incidents with their findings, ordered by begin and numbered from 1.
 
-    `unknown`: lost readings of the flags by station and port. `with_flags`: the stations that
-    report alarm flags.
+    `unknown`: lost readings of the flags by station and port. `with_flags`: stations that report
+    alarm flags.
     """
     reporting = frozenset(with_flags)
     found = [Incident(0, *place, group) for place, group in _groups(episodes)]
@@ -78,7 +80,7 @@ Place = tuple[str, int, Side]
 
 
 def _groups(episodes: Iterable[Episode]) -> Iterable[tuple[Place, list[Episode]]]:
-    """Yield groups of one port's and side's episodes that overlap, directly or through others."""
+    """Yield groups of episodes of one port and side that overlap, directly or through others."""
     places: dict[Place, list[Episode]] = {}
     for episode in episodes:
         places.setdefault((episode.station, episode.port, episode.side), []).append(episode)

@@ -1,12 +1,12 @@
-"""Alarm states of one port, row by row. The recorder and the analysis of a record both use it.
+"""Alarm states of one port, row by row; used by the recorder and by the analysis of a record.
 
 Only rows with temperature and status are readings; any other row is a gap. Time is that of the
 grid, tick × period; without a grid (``--rate max``) it is UTC. Two readings are consecutive if at
-most `GAP_PERIODS` periods lie between them (`GAP_S` without a grid); delays do not count a longer
-gap.
+most `GAP_PERIODS` periods lie between them (`GAP_S` without a grid); longer gaps do not count
+towards delays.
 
-A changed setting applies to rows with a later time. In a record, rows and events stand in different
-tables: this is the order in which they were recorded.
+A changed setting applies to rows with a later time. Rows and events are in different tables of a
+record, and this rule restores their order.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ BAND_C: Final = 10
 COOLS_WITHIN_S: Final = 10.0
 TOOL: Final = "tool"
 BEFORE_ALL: Final = 0
-"""The time of settings that were read before sampling began."""
+"""Time of settings that were read before sampling began."""
 
 
 class Change(NamedTuple):
-    """At `at_us` a setting was found to be `text` (as in `settings`), or the tool was changed
+    """At `at_us`, setting `name` was read as `text` (as in `settings`), or the tool was changed
     (`name` is `TOOL`).
     """
 
@@ -55,12 +55,12 @@ class Change(NamedTuple):
 
 
 class Arrival:
-    """Whether the tool in one port has reached its setpoint since it was put there; only then its
+    """Whether the tool in a port has reached its setpoint since it was put there; only then its
     alarms count.
 
-    The same rule as in a session (`jbclog/session/run/watch.py`): the tool works, and it is within
-    ±10 °C of the setpoint, passed through it between two readings, or was found hotter and has not
-    cooled for ten seconds.
+    The rule of the session (`jbclog/session/run/watch.py`): the tool works, and it is within ±10 °C
+    of the setpoint, passed through it between two readings, or was found hotter and has not cooled
+    for ten seconds.
     """
 
     __slots__ = ("_above", "has_arrived", "previous_c")
@@ -72,11 +72,11 @@ class Arrival:
         self._above: tuple[float, float] | None = None
 
     def reset(self) -> None:
-        """Start again, because the tool was changed."""
+        """Start again after a tool change."""
         self.has_arrived, self._above = False, None
 
     def see(self, seconds: float, value: float, setpoint: float | None, *, works: bool) -> None:
-        """Take a reading in °C at `seconds`."""
+        """Add a reading in °C at `seconds`."""
         if setpoint is not None and works and not self.has_arrived:
             self.has_arrived = self._reaches(value, setpoint) or self._stays_above(
                 seconds, value, setpoint
@@ -126,13 +126,13 @@ class PortWatch:
         self._arrival = Arrival()
         self._setpoint: float | None = None
         self._is_tool_new = False  # changed, and has not reached its setpoint since
-        self._tick, self._us = 0, 0  # of the last reading
+        self._tick, self._us = 0, 0  # tick and time of the last reading
         self._has_read = False
         self._is_raised = False
         self._low, self._high = inf, -inf  # a reading between them changes nothing
 
     def change(self, change: Change) -> None:
-        """Note a change, oldest first; its time is less the steps of the wall clock before it."""
+        """Add a change, in order of time; its time is corrected for the clock steps before it."""
         self._changes.append(change)
 
     def step(self, size_us: int) -> None:
@@ -147,11 +147,12 @@ class PortWatch:
         time_us: int,
         tick: int,
         temperature: float | None,
-        works: bool,  # once for each row: keywords cost a third more
+        works: bool,  # positional, once per row: keywords cost a third more
         set_c: float | None,
     ) -> Sequence[Report]:
-        """Take the next row of this port and return the transitions of its episodes. `temperature`
-        is None where it or the status was not read.
+        """Add the next row of this port and return the transitions of its episodes.
+
+        `temperature` is None if it or the status was not read.
         """
         if self._changes:
             self._apply_changes(time_us - self._stepped_us)
@@ -165,11 +166,11 @@ class PortWatch:
         return self._evaluate(time_us, tick, temperature, works=works)
 
     def quiet_range(self) -> tuple[float, float] | None:
-        """Return the temperatures that change nothing while the tool works (infinity to minus
-        infinity: there are none); None while an alarm is pending or raised.
+        """Return the range of temperatures that change nothing while the tool works; empty is
+        infinity to minus infinity. None while an alarm is pending or raised.
 
-        Otherwise rows in which the tool does not work, and rows that were not read, change nothing
-        either, before `due_us`.
+        Otherwise rows without a reading, or in which the tool does not work, change nothing either,
+        before `due_us`.
         """
         if all(machine.phase is Phase.NORMAL for machine in self._machines):
             return self._low, self._high
@@ -177,12 +178,12 @@ class PortWatch:
 
     @property
     def due_us(self) -> float:
-        """The time of the last row before the next change applies; infinite if there is none."""
+        """Time of the last row before the next change applies; infinite without one."""
         return self._changes[0].at_us + self._stepped_us if self._changes else inf
 
     def pass_by(self, last: tuple[int, int, float] | None, set_c: float | None) -> None:
-        """Pass by rows that change nothing: `last` is time, tick and temperature of the last one
-        that was read, `set_c` the last setpoint.
+        """Skip rows that change nothing. `last`: time, tick and temperature of the last reading;
+        `set_c`: the last setpoint.
         """
         if set_c is not None:
             self._setpoint = set_c
@@ -191,7 +192,7 @@ class PortWatch:
             self._has_read = True
 
     def _apply_changes(self, before_us: int) -> None:
-        """Apply the changes that were found before a row's time."""
+        """Apply the changes found before a row's time."""
         while self._changes and self._changes[0].at_us < before_us:
             change = self._changes.popleft()
             if change.name == TOOL:
@@ -216,7 +217,7 @@ class PortWatch:
         )
 
     def _since_last_s(self, tick: int, time_us: int) -> float:
-        """Return the seconds since the last reading; infinity if there is none."""
+        """Return the seconds since the last reading, or infinity."""
         if not self._has_read:
             return inf
         if self._period_s is not None:
@@ -224,11 +225,11 @@ class PortWatch:
         return (time_us - self._us) / 1e6
 
     def _miss(self, tick: int, time_us: int) -> list[Report]:
-        """Note a missing reading; after `stale_s` it is uncertain if an alarm is active."""
+        """Add a missing reading; after `stale_s` it is uncertain whether an alarm is active."""
         return self._lose() if self._since_last_s(tick, time_us) >= self._rules.stale_s else []
 
     def _lose(self) -> list[Report]:
-        """Mark raised episodes as uncertain and return those that were not."""
+        """Mark raised episodes as uncertain and return those newly marked."""
         reports: list[Report] = []
         for machine in self._machines:
             episode = machine.episode
@@ -271,7 +272,9 @@ class PortWatch:
         return TOOL_CHANGED if self._is_tool_new else NOT_WORKING
 
     def _set_quiet_range(self, *, counts: bool) -> None:
-        """Set the temperatures within all limits, which change nothing while no alarm is on."""
+        """Set the range of temperatures within all limits, which change nothing while no alarm is
+        on.
+        """
         self._is_raised = any(machine.is_raised for machine in self._machines)
         self._low, self._high = inf, -inf
         if counts and all(machine.phase is Phase.NORMAL for machine in self._machines):

@@ -1,4 +1,4 @@
-"""One alarm on samples: its definition, its states, and its episodes (ISA-18.2).
+"""One alarm on samples: definition, states and episodes (ISA-18.2).
 
 ::
 
@@ -6,11 +6,11 @@
     active --back--> clearing --back for the off-delay--> normal
 
 Limit and delay are the station's, as read back (`settings`), so that its flags and our samples are
-compared by the same limits. An alarm whose limit or delay is off or not known is not evaluated.
+judged by the same limits. An alarm whose limit or delay is off or unknown is not evaluated.
 
-Delays count observed time: between two consecutive readings. A gap changes no state and stops the
-clock of a delay, so it neither raises nor clears. A reading that does not count (tool not working,
-alarm off) ends an episode at once.
+Delays count observed time: between two consecutive readings. A gap changes no state and pauses a
+delay, so it neither raises nor clears. A reading that does not count (tool not working, alarm off)
+ends an episode at once.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from jbclog.core.clock import utc_of
 
 
 class Side(StrEnum):
-    """Which limit is exceeded."""
+    """The exceeded limit."""
 
     HIGH = "high"
     LOW = "low"
@@ -33,18 +33,18 @@ LIMIT: Final = {Side.HIGH: "alarm_high_limit", Side.LOW: "alarm_low_limit"}
 DELAY: Final = {Side.HIGH: "alarm_high_delay", Side.LOW: "alarm_low_delay"}
 SETPOINTS: Final = frozenset(["selected_temperature", "selected_air_temperature"])
 WATCHED: Final = frozenset([*LIMIT.values(), *DELAY.values(), *SETPOINTS])
-"""The settings that the evaluation needs, by their names in `settings`."""
+"""Settings that the evaluation needs, by their names in `settings`."""
 
-TOLERANCE_S: Final = 1e-6  # of sums of periods
+TOLERANCE_S: Final = 1e-6  # rounding of sums of periods
 RETURNED: Final = "returned"
 NOT_WORKING: Final = "not working"
 TOOL_CHANGED: Final = "tool changed"
 SWITCHED_OFF: Final = "switched off"
-"""Why an episode ended; `end_reason` in the table of alarms."""
+"""Reasons for the end of an episode; `end_reason` in the table of alarms."""
 
 
 class Condition(Enum):
-    """The result of one reading for one alarm."""
+    """Result of one reading for one alarm."""
 
     GAP = "gap"  # not read
     # the tool does not work or has not reached its setpoint, or the alarm is off
@@ -56,7 +56,7 @@ class Condition(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What the evaluation adds to a station's limit and delay.
+    """Parameters of the evaluation beside a station's limit and delay.
 
     `dead_band_c`: how far within the limit a reading counts as back. `off_delay_s`: how long it
     must stay back; None: as long as the on-delay. `stale_s`: after this time without a reading it
@@ -79,7 +79,9 @@ class Definition:
     dead_band_c: float = 0.0
 
     def condition(self, value: float) -> Condition:
-        """Return the condition for a reading that counts; one at the limit is not beyond it."""
+        """Return the condition for a reading that counts; a reading at the limit is not beyond
+        it.
+        """
         excess = value - self.limit_c if self.side is Side.HIGH else self.limit_c - value
         if excess > 0:
             return Condition.BEYOND
@@ -91,7 +93,7 @@ class Definition:
 
 
 def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -> Definition | None:
-    """Return the alarm by the station's settings; None if it is off or not known."""
+    """Return the alarm that the station's settings define; None if it is off or not known."""
     limit, delay = settings.get(LIMIT[side]), settings.get(DELAY[side])
     if limit is None or delay is None:
         return None
@@ -105,7 +107,7 @@ def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -
 
 
 def number_of(text: str | None) -> float | None:
-    """Return the number of a setting such as ``380`` or ``0.50 s``; None: off or not known."""
+    """Return the number in a setting such as ``380`` or ``0.50 s``; None: off or not known."""
     try:
         return float(str(text).split(" ", 1)[0])
     except ValueError:
@@ -113,7 +115,7 @@ def number_of(text: str | None) -> float | None:
 
 
 class Detector(StrEnum):
-    """Who detects an episode: A the station by its flag, B our samples with delays and deadband, C
+    """Detector of an episode: A the station by its flag, B our samples with delays and deadband, C
     every sampled excursion.
     """
 
@@ -123,11 +125,11 @@ class Detector(StrEnum):
 
 
 class State(StrEnum):
-    """Whether an episode is active at the record's end; acknowledgement is independent of it."""
+    """Whether an episode is active at the end of the record; independent of acknowledgement."""
 
     ACTIVE = "active"
     CLEARED = "cleared"
-    UNCERTAIN = "uncertain"  # active when it was last read, too long ago
+    UNCERTAIN = "uncertain"  # active at the last reading, too long ago
 
 
 @dataclass(slots=True)
@@ -135,13 +137,14 @@ class Episode:
     """One alarm from start to end, each known as an interval between two readings. Times are UTC
     microseconds, temperatures °C.
 
-    It began after `onset_earliest_us` (the last reading without it) and no later than `onset_us`
-    (the first reading with it); it ended after `end_earliest_us` and no later than `end_us`.
-    `raised_us`: when it became known, which is for B at the end of the delay, and for A when the
-    flag was read. `peak_c`: the sampled peak. `cleared_us`: when its end became known.
-    `is_uncertain`: at some time nothing was read for so long that it may have ended and begun
-    again. `is_confirmed`: for A, a temperature supports the flag. `stepped_us`: by how much the
-    wall clock was stepped between onset and end.
+    - `onset_earliest_us`, `onset_us`: last reading without the alarm, first reading with it
+    - `end_earliest_us`, `end_us`: last reading with the alarm, first reading without it
+    - `raised_us`: when it became known: for A when the flag was read, for B at the end of the delay
+    - `cleared_us`: when its end became known
+    - `peak_c`: the sampled peak
+    - `is_uncertain`: nothing was read for so long that it may have ended and begun again
+    - `is_confirmed`: for A, a temperature supports the flag
+    - `stepped_us`: clock steps between onset and end
     """
 
     station: str
@@ -165,7 +168,7 @@ class Episode:
 
     @property
     def id(self) -> str:
-        """Its name, the same each time it is computed: detector, side, station, port and onset."""
+        """Reproducible name: detector, side, station, port and onset."""
         return (
             f"{self.detector}-{self.side}-{self.station}-p{self.port}-{moment_text(self.onset_us)}"
         )
@@ -178,7 +181,9 @@ class Episode:
 
     @property
     def seconds(self) -> float | None:
-        """Duration from the first reading with it to the first without it; None before its end."""
+        """Time from the first reading with the alarm to the first without it; None before its
+        end.
+        """
         return (
             None if self.end_us is None else (self.end_us - self.onset_us - self.stepped_us) / 1e6
         )
@@ -191,7 +196,7 @@ class Episode:
             self.peak_c = value
 
     def end(self, earliest_us: int, latest_us: int, known_us: int, reason: str) -> None:
-        """End it between two readings, as became known at `known_us`."""
+        """End the episode between two readings; the end became known at `known_us`."""
         self.end_earliest_us, self.end_us, self.cleared_us, self.end_reason = (
             earliest_us,
             latest_us,
@@ -202,12 +207,12 @@ class Episode:
 
 
 def moment_text(micros: int) -> str:
-    """Return a UTC time as part of a name: ``20261121T013205.123Z``."""
+    """Return a UTC time for use in a name: ``20261121T013205.123Z``."""
     return f"{utc_of(micros):%Y%m%dT%H%M%S}.{micros // 1000 % 1000:03d}Z"
 
 
 class Phase(Enum):
-    """The state of a `Machine`; an episode has been raised in the phases active and clearing."""
+    """State of a `Machine`; in the phases active and clearing an episode is raised."""
 
     NORMAL = "normal"
     PENDING = "pending"
@@ -216,7 +221,7 @@ class Phase(Enum):
 
 
 class Transition(Enum):
-    """A change of an episode that is reported; its value is the last part of the event's kind."""
+    """A reported change of an episode; the value is the last part of the event's kind."""
 
     RAISED = "raised"
     CLEARED = "cleared"
@@ -276,7 +281,7 @@ class Machine:
         value: float,
         reason: str = RETURNED,
     ) -> Report | None:
-        """Take the reading at `now_us` and return what it changes, or None.
+        """Process the reading at `now_us` and return the change it makes, or None.
 
         The previous reading was at `before_us`; `elapsed_s` of the time between them was observed.
         `reason` is the end reason for a reading that does not count.
@@ -312,7 +317,7 @@ class Machine:
         )
 
     def _after_delay(self, phase: Phase) -> Phase:
-        """Return the phase, or the one that it becomes if its delay is over."""
+        """Return the phase, or the next one if its delay is over."""
         if (
             self.definition is not None
             and phase is _PENDING

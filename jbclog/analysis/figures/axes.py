@@ -1,4 +1,4 @@
-"""Parts of every figure: panels placed in points, ticks, labels at the right, dots and bars."""
+"""Elements of figures: panels placed in points, ticks, labels at the right, dots and bars."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from jbclog.analysis.figures.curves import Floats
 from jbclog.analysis.figures.ticks import spread
 
 Label = tuple[float, str, str]
-"""A value, the text beside it and its colour."""
+"""Value, text beside it, colour."""
 
 SQUARE: Final = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)])
-BESIDE_PT: Final = 4.0  # from the edge of a panel to its labels
-LINE: Final = 1.25  # from one line of text to the next, in font sizes
+BESIDE_PT: Final = 4.0  # distance of a panel's edge from its labels
+LINE: Final = 1.25  # line height, in font sizes
 LETTER: Final = 0.62  # width of a letter, in font sizes
 
 
 def panel(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
-    """Add a panel to a figure; its place and size are in points from the upper left corner."""
+    """Add a panel to a figure; position (upper left corner) and size in points."""
     wide, high = figure.get_size_inches() * 72
     axes = figure.add_axes((left / wide, 1 - (top + height) / high, width / wide, height / high))
     axes.set_autoscale_on(False)
@@ -42,14 +42,13 @@ def size_pt(axes: Axes) -> tuple[float, float]:
 
 
 def _dot_pt(axes: Axes) -> float:
-    """Return the number of pixels in a point."""
     figure = axes.get_figure(root=True)
     return 1.0 if figure is None else figure.dpi / 72
 
 
 def ticked(axes: Axes, places: Floats, labels: Sequence[str], *, is_lowest: bool) -> None:
-    """Set the ticks of the x axis; panels above the lowest get only a grid, as one line, which is
-    four times as fast.
+    """Set the ticks of the x axis. Panels above the lowest get only a grid, drawn as one line,
+    which is four times as fast.
     """
     if is_lowest:
         axes.set_xticks(places, labels)
@@ -70,7 +69,9 @@ def valued(axes: Axes, values: Sequence[float]) -> None:
 
 
 def labelled(axes: Axes, labels: Sequence[Label], points: float) -> None:
-    """Write texts right of the plot at their values' height, moved apart where they overlap."""
+    """Write texts right of the plot at the height of their values, moved apart where they
+    overlap.
+    """
     wide, high = size_pt(axes)
     ordered = sorted(labels)
     wished = [float(y) * high for y in _share_of_height(axes, [value for value, _, _ in ordered])]
@@ -107,7 +108,7 @@ def rectangles(
 
 
 def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of: str) -> None:
-    """Draw a square of this size in points at each known place, all as one patch."""
+    """Draw a square of `points` at each known place, all as one patch."""
     places = np.column_stack([np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)])
     known = places[~np.isnan(places).any(axis=1)]
     if not len(known):
@@ -125,7 +126,7 @@ def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> N
 
 
 def bars(axes: Axes, x: ArrayLike, low: ArrayLike, high: ArrayLike, of: str, **look: Any) -> None:
-    """Draw a vertical line at each place, all as one line with breaks."""
+    """Draw vertical lines as one line with breaks."""
     at = np.asarray(x, dtype=np.float64)
     ends = np.column_stack(
         [
@@ -139,5 +140,5 @@ def bars(axes: Axes, x: ArrayLike, low: ArrayLike, high: ArrayLike, of: str, **l
 
 
 def steps(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return a line on which each value holds until the next."""
+    """Return a step line on which each value holds until the next."""
     return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]

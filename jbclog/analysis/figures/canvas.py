@@ -1,8 +1,8 @@
 """Figures as matplotlib objects in one style, and as SVG. Never pyplot, which keeps figures for the
 whole process.
 
-The style is matplotlib's defaults plus `figures.mplstyle`, so a user's matplotlibrc does not change
-a report.
+The style is matplotlib's defaults plus `figures.mplstyle`, so that a user's matplotlibrc does not
+change a report.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ LATER_DIGITS: Final = re.compile(r"(?<=\.\d\d)\d+")
 
 
 def styled() -> AbstractContextManager[None]:
-    """Apply the style while a figure is made or written. What has its value is not set: matplotlib
-    takes 2 ms to set all.
+    """Apply the style while a figure is made or written. Sets only what differs: setting all takes
+    matplotlib 2 ms.
     """
     others = {name: value for name, value in _style().items() if rcParams[name] != value}
     return rc_context(others) if others else nullcontext()
@@ -52,7 +52,7 @@ def _style() -> dict[Any, Any]:
 
 
 def new_figure(width_pt: float, height_pt: float, dpi: float = 72) -> Figure:
-    """Return an empty figure of this size in points; `dpi` is for a picture in pixels."""
+    """Return an empty figure of this size in points; `dpi` is for raster pictures."""
     return Figure(figsize=(width_pt / 72, height_pt / 72), dpi=dpi)
 
 
@@ -69,7 +69,7 @@ def svg_body(figure: Figure) -> str:
     """
     text = StringIO()
     with styled(), warnings.catch_warnings():
-        # letters that the font lacks: the reader's fonts have them
+        # letters missing in the font: the reader's fonts have them
         warnings.simplefilter("ignore", UserWarning)
         FigureCanvasSVG(figure).print_svg(text, metadata=NO_METADATA)  # type: ignore[no-untyped-call]  # it has no types
     body = text.getvalue().partition(DEFAULT_STYLE_ENDS)[2].removesuffix("</svg>\n")

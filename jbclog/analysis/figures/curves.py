@@ -1,7 +1,7 @@
-"""Curves and spans as they are drawn: every excursion is kept, and nothing is joined across a gap.
+"""Curves and spans to draw: every excursion is kept, and no line crosses a gap.
 
-A run of eight hours has 288 000 samples a port, and a page some 900 columns. The samples are
-divided into stretches of equal time; the curve keeps the minimum, the maximum and the mean of each.
+A run of eight hours has 288 000 samples per port, and a page some 900 columns. The samples are
+divided into equal intervals of time; the curve keeps minimum, maximum and mean of each.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Readings = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.float64]
-"""Whole numbers of at most six digits, NaN where nothing was read; those of a long run in 16 bits
-(up to `EXACT_IN_16`) or 32, which hold them exactly.
+"""Integers of at most six digits, NaN where not read; those of a long run in 16 bits (up to
+`EXACT_IN_16`) or 32, which hold them exactly.
 """
 EXACT_IN_16: Final = 2048
 BLOCK_ROWS: Final = 1 << 17
 Words = Sequence[str | None] | NDArray[np.object_] | pd.Categorical
-"""A word for each row, None (no category) where there is none."""
+"""A word for each row; None (no category): no word."""
 
 
 def dates(t0_utc_us: int, seconds: ArrayLike) -> Floats:
@@ -49,9 +49,9 @@ class Envelope:
 
 
 def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float) -> Envelope:
-    """Return the curve of `values` (NaN: none) over `seconds`, at most `stretches` × 2 points wide.
+    """Return the curve of `values` (NaN: none) over `seconds`, of at most `stretches` × 2 points.
 
-    Samples further apart than `joined_s` are not joined by a line.
+    No line joins samples further apart than `joined_s`.
     """
     there = ~np.isnan(values)
     if np.count_nonzero(there) <= 2 * stretches:
@@ -75,8 +75,8 @@ def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float)
 
 
 def quantile(values: NDArray[Any], share: float) -> float:
-    """Return the quantile as `np.quantile` of the same values in 64 bits, without a copy of them in
-    64 bits; reorders them.
+    """Return the quantile as `np.quantile` of the same values in 64 bits does, without a 64-bit
+    copy. Reorders `values`.
     """
     place, part = divmod(share * (len(values) - 1), 1)
     values.partition([int(place), min(int(place) + 1, len(values) - 1)])
@@ -84,8 +84,8 @@ def quantile(values: NDArray[Any], share: float) -> float:
 
 
 def quantile_of_readings(parts: Sequence[Readings], share: float) -> float:
-    """Return the quantile of readings, none of which is NaN. Those in 16 bits are counted by their
-    value, without a copy.
+    """Return the quantile of readings without NaN. 16-bit readings are counted by value, without a
+    copy.
     """
     if any(part.itemsize > 2 for part in parts):
         return quantile(np.concatenate(parts), share)
@@ -101,14 +101,14 @@ def quantile_of_readings(parts: Sequence[Readings], share: float) -> float:
 
 
 def blocks(rows: int, most: int | None = None) -> Iterator[slice]:
-    """Yield slices of so many rows, so that what is computed of them takes little memory."""
+    """Yield slices of a limited number of rows, so that computations on them take little memory."""
     size = most or BLOCK_ROWS
     return (slice(first, min(first + size, rows)) for first in range(0, rows, size))
 
 
 def extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
-    """Return the least or greatest of the values that are known, without a copy of all; `which` is
-    `np.min` or `np.max`.
+    """Return the least or greatest known value without copying all; `which` is `np.min` or
+    `np.max`.
     """
     parts = (values[rows] for rows in blocks(len(values)))
     found = [float(which(known)) for part in parts if len(known := part[~np.isnan(part)])]
@@ -116,9 +116,7 @@ def extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> 
 
 
 class Stretches:
-    """The readings in each of `count` stretches of a time: how many, their sum, the least and
-    greatest, the first and last time.
-    """
+    """Readings in `count` equal intervals: number, sum, least, greatest, first and last time."""
 
     def __init__(self, count: int) -> None:
         self.counts, self.sums = np.zeros(count, dtype=np.int64), np.zeros(count)
@@ -126,7 +124,9 @@ class Stretches:
         self.first, self.last = self.low.copy(), self.high.copy()
 
     def add(self, number: NDArray[np.int64], seconds: Floats, values: Readings) -> None:
-        """Add readings by their stretch's number; one beyond the first or last belongs to that."""
+        """Add readings by the number of their interval; those outside belong to the first or
+        last.
+        """
         if not len(number):
             return
         number = np.clip(number, 0, len(self.counts) - 1)
@@ -163,14 +163,14 @@ def _insert(values: Floats, gaps: NDArray[np.int64], times: Floats | None) -> Fl
 
 
 def lone(curve: Envelope) -> Envelope:
-    """Return the points without a neighbour, which no line reaches: they are drawn as dots."""
+    """Return the points without a neighbour, drawn as dots because no line reaches them."""
     absent = np.isnan(curve.mean)
     before, after = np.append(True, absent[:-1]), np.append(absent[1:], True)
     alone = ~absent & before & after
     return Envelope(curve.seconds[alone], curve.low[alone], curve.high[alone], curve.mean[alone])
 
 
-class Span(NamedTuple):  # a week has a hundred thousand
+class Span(NamedTuple):  # a named tuple: a week has a hundred thousand
     """A time from `start` to `end` in seconds of the run, with the word for its state."""
 
     start: float
@@ -183,15 +183,15 @@ class Span(NamedTuple):  # a week has a hundred thousand
 
 
 def coded(codes: NDArray[np.integer[Any]], words: Sequence[str]) -> pd.Categorical:
-    """Return the word for each row by its place in `words`; -1 is none."""
+    """Return the word for each row by its index in `words`; -1: no word."""
     return cast(
         pd.Categorical, pd.Categorical.from_codes(codes, pd.Index([*words], dtype="object"))
     )
 
 
 def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
-    """Return runs of samples with the same word; None and a missing tick end a run. Each lasts to
-    the tick after its last.
+    """Return runs of samples with the same word; None and a missing tick end a run. Each lasts
+    until the tick after its last.
     """
     coded = (
         words
@@ -215,13 +215,13 @@ def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
 
 
 def missing_ticks(seconds: Floats, period_s: float) -> list[Span]:
-    """Return where ticks have no rows at all: the host stood still."""
+    """Return where ticks have no rows at all: the host was suspended or stalled."""
     edges = np.flatnonzero(np.diff(seconds) > 1.5 * period_s)
     return [Span(float(seconds[i]) + period_s, float(seconds[i + 1]), "skipped") for i in edges]
 
 
 def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
-    """Return the spans; spans of one word that are too close to be distinguished are merged."""
+    """Merge spans of one word that are too close to be distinguished."""
     firsts: list[Span] = []
     ends: list[float] = []
     for span in sorted(spans, key=attrgetter("start", "end", "word")):
@@ -237,7 +237,7 @@ def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
 
 
 def widened(span: Span, least_s: float) -> Span:
-    """Return the span, at least wide enough to be visible."""
+    """Return the span, widened to `least_s` so that it is visible."""
     lacking = max(0.0, least_s - span.seconds) / 2
     return span._replace(start=span.start - lacking, end=span.end + lacking)
 

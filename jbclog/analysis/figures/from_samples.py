@@ -1,5 +1,5 @@
-"""The trace of a port from its rows of `samples`: readings, states, hot air, and why data are
-missing; or from the traces of its rows, piece by piece, which takes a third of the memory.
+"""The trace of a port from its rows of `samples`: readings, states, hot air, and reasons of missing
+data. `JoinedTrace` builds it piece by piece, in a third of the memory.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ SIGNAL = "external_c"
 AIR_COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
 FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"
 AWAY = ("disconnected", "robot_off")
-FLOW_JOINED_S = 15.0  # it is due each 5 s; two losses are bridged in the drawing, and only there
+FLOW_JOINED_S = 15.0  # due every 5 s; two losses are bridged in the drawing only
 
 
 def columns_of(facts: StationFacts) -> list[str]:
-    """Return the columns of a trace; on a grid of ticks the time of a row is not needed."""
+    """Return the columns that a trace needs; on a grid the time of a row is not needed."""
     return [
         *(() if facts.period_s else ("time",)),
         *COLUMNS,
@@ -75,9 +75,9 @@ def has_air(facts: StationFacts) -> bool:
 def trace(
     samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False
 ) -> Trace:
-    """Return the trace of one port from its rows of `samples`, in the order of their ticks.
+    """Return the trace of one port from its rows of `samples`, in order of their ticks.
 
-    `of_states`: the station reports states and no temperature. `of_air`: the station is hot air.
+    `of_states`: the station reports states and no temperature. `of_air`: it is a hot air station.
     """
     seconds = grid.seconds(
         _floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"])
@@ -114,8 +114,8 @@ def _utc_us(times: pd.Series[pd.Timestamp]) -> Floats:
 def _coded(
     column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok"
 ) -> pd.Categorical:
-    """Return the texts of a column, none where there is none and in the rows `but`; ``ok`` is
-    called `ok`.
+    """Return the texts of a column as categories: none where missing and in the rows `but`; ``ok``
+    is renamed to `ok`.
     """
     given = pd.Categorical(column)
     names = [ok if text == "ok" else str(text) for text in given.categories]
@@ -133,7 +133,7 @@ def _is_any_state_read(samples: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
-    """Return the lanes of states by name, each with its state's word; nothing where not read."""
+    """Return the lanes of states by name; nothing where not read."""
     short, clogged = (_flags(samples, name) for name in ("solder_shortage", "clogged"))
     solder = [_solder(one, other) for one, other in zip(short, clogged, strict=True)]
     control = [_flag_word(one, PREPARING, READY) for one in _flags(samples, "preparing")]
@@ -182,7 +182,9 @@ def _word(word: object, cools: bool | None) -> str | None:
 
 
 def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]:
-    """Return where the flow was read; equal readings near each other join, not across an outage."""
+    """Return where the flow was read; equal readings close to each other join, not across an
+    outage.
+    """
     flow = _floats(samples["set_flow_permille"])
     read = ~np.isnan(flow)
     outages = np.cumsum(samples["quality"].astype(object).isin(AWAY).to_numpy(dtype=bool))[read]
@@ -193,7 +195,7 @@ def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]
 
 
 def _readings(column: pd.Series[int]) -> Readings:
-    """Return readings as floats, NaN for a missing one; those in 16 or 32 bits as they are."""
+    """Return readings as floats, NaN for a missing one; 16 and 32 bit ones unchanged."""
     if column.dtype == np.float16:
         return np.asarray(column, dtype=np.float16)
     return np.asarray(column, dtype=np.float32) if column.dtype == np.float32 else _floats(column)
@@ -204,7 +206,7 @@ def _floats(column: pd.Series[int]) -> Floats:
 
 
 class GrowingColumn:
-    """An array that grows in place; it takes the type that its values need."""
+    """An array that grows in place, in the type that its values need."""
 
     def __init__(self) -> None:
         self._held = bytearray()
@@ -223,8 +225,8 @@ class GrowingColumn:
 
 
 class JoinedTrace:
-    """Joins the traces of the rows of a port on a grid, with neither states nor hot air, oldest
-    first. No piece is empty, unless it is the only one.
+    """Joins the traces of a port's rows on a grid, oldest first, without states and hot air. No
+    piece is empty, unless it is the only one.
     """
 
     def __init__(self) -> None:
@@ -269,7 +271,7 @@ class JoinedTrace:
         )
 
     def _coded(self, reasons: pd.Categorical) -> NDArray[np.integer[Any]]:
-        """Return the codes of some reasons among those of all pieces."""
+        """Return the codes of these reasons among those of all pieces."""
         words = [str(word) for word in reasons.categories]
         numbers = [self._places.setdefault(word, len(self._places)) for word in words]
         kind = np.min_scalar_type(-max(len(self._places), 1))
@@ -278,7 +280,7 @@ class JoinedTrace:
 
 
 def _add_spans(found: list[Span], spans: Sequence[Span], piece: Trace, before_s: float) -> None:
-    """Add the spans of a piece; one that continues from the piece before `before_s` is one."""
+    """Add the spans of a piece; one that continues from before `before_s` is merged."""
     first_s, period_s = float(piece.seconds[0]), piece.period_s
     continues = (
         found

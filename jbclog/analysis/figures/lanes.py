@@ -1,4 +1,4 @@
-"""The lanes below the curves: status, missing data, alarms, errors; bars, with words that fit."""
+"""The lanes below the curves (status, missing data, alarms, errors): bars, with words that fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jbclog.core.text import clean
 LANE_PT: Final = 11.2
 NO_DATA: Final = "no data"
 MARKS: Final = {"alarm": MarkKind.ALARM, "doubtful": MarkKind.UNCONFIRMED, "error": MarkKind.ERROR}
-"""The kind of marks in each lane, by the lane's name."""
+"""Lane -> kind of its marks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,19 +31,19 @@ class Lane:
 
 
 def least_seen_s(trace: Trace, form: Format) -> float:
-    """Return the shortest time in s that is wide enough to be visible in a figure of this size."""
+    """Return the shortest time in s that is visible in a figure of this size."""
     return (trace.end - trace.start) / form.stretches * 1.5
 
 
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
-    """Return the lane of the status, or those of the states, and the other lanes that have spans;
-    spans too close are merged.
+    """Return the lane of the status, or those of the states, and the other lanes that have spans.
+    Spans too close to each other are merged.
     """
     least = least_seen_s(trace, form)
     states = trace.states or {"status": trace.status} | (
         {} if trace.air is None else trace.air.lanes
     )
-    lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
+    lanes = [Lane(name, _visible(spans, least)) for name, spans in states.items()]
     for name, spans in {NO_DATA: trace.gaps, **marked(trace)}.items():
         seen = within(
             (widened(span, least) for span in merged(spans, least)), trace.start, trace.end
@@ -61,14 +61,14 @@ def marked(trace: Trace) -> dict[str, list[Span]]:
     }
 
 
-def _seen(spans: list[Span], least: float) -> list[Span]:
-    """Return the spans of a state, then the short important ones, wide enough to be visible."""
+def _visible(spans: list[Span], least: float) -> list[Span]:
+    """Return the spans of a state, then short important ones, widened to be visible."""
     graver = [widened(span, least) for span in spans if span.word in style.ALWAYS_SEEN]
     return [*merged(spans, least), *graver]
 
 
 def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> None:
-    """Draw the lanes from top to bottom, each with its name to the left."""
+    """Draw the lanes from top to bottom, each with its name at the left."""
     axes.spines[:].set_visible(False)
     axes.grid(visible=False, axis="y")
     axes.set_ylim(max(len(lanes), 1), 0)
@@ -80,7 +80,7 @@ def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> Non
 
 
 def _bars(axes: Axes, row: int, lane: Lane, trace: Trace, form: Format) -> None:
-    """Draw the spans of a lane, those of one look as one patch."""
+    """Draw the spans of a lane, all of one look as one patch."""
     looks: dict[tuple[str, str | None], list[tuple[float, float, float, float]]] = defaultdict(list)
     for span in lane.spans:
         is_wide = span.seconds > 4 * least_seen_s(trace, form)
@@ -109,7 +109,7 @@ def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Forma
     """Write the word of a span in its middle, with the duration of a gap, if it fits."""
     points, is_gap = form.font_pt - 1, name == NO_DATA
     width = span.seconds / (trace.end - trace.start) * size_pt(axes)[0]
-    word = clean(span.word)  # of a foreign record it can be any
+    word = clean(span.word)  # a foreign record can have any word
     texts = [f"{word} {duration_text(span.seconds)}", word] if is_gap else [word]
     text = next((text for text in texts if (len(text) + 1) * LETTER * points <= width), None)
     if text is None:

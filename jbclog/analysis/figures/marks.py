@@ -1,4 +1,4 @@
-"""What a figure marks, from events and settings: alarms, errors, and the limits in force."""
+"""Marks of a figure from events and settings: alarms, errors, and the limits in force."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ENDS = {"station.error": "station.ok", "port.error": "port.ok", "robot.off": "ro
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """An event on the run's time axis, in seconds; `start` is its earliest possible moment."""
+    """An event on the run's time axis, in s; `start` is its earliest possible time."""
 
     start: float
     end: float
@@ -31,7 +31,7 @@ class Happening:
 
 
 def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
-    """Return all events on the time axis. Steps of the wall clock are taken off later events."""
+    """Return all events on the time axis, corrected for steps of the wall clock."""
     stepped, out = 0.0, []
     for event in events.to_dict("records"):
         if event["kind"] == "clock.step" and not pd.isna(event["value"]):
@@ -53,8 +53,8 @@ def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
 
 
 def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
-    """Return the alarms (earliest to latest moment) and errors (until they ended) of one port and
-    of its station.
+    """Return the alarms (earliest to latest time) and errors (until they ended) of a port and its
+    station.
     """
     own = [one for one in all_of_run if one.station == station and one.port in (None, port)]
     alarms = [
@@ -81,8 +81,8 @@ def is_alarm(one: Happening) -> bool:
 
 
 def _error(one: Happening, later: Sequence[Happening]) -> Mark:
-    """Return the error from its earliest moment to the reading that ended or changed it, else to
-    its own time.
+    """Return the error from its earliest time to the reading that ended or changed it, else to its
+    own time.
     """
     following = (one.kind, ENDS[one.kind])
     end = next(

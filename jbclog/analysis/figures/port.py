@@ -1,7 +1,7 @@
 """The figure of one port: temperature, power and lanes on one time axis; only lanes for a station
 without a temperature.
 
-A figure contains numbers and words from fixed lists; of a foreign record the words of its lanes,
+A figure contains numbers and words from fixed lists; the words of a foreign record's lanes are
 cleaned.
 """
 
@@ -45,18 +45,18 @@ from jbclog.analysis.figures.ticks import round_values, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, Trace
 
 LEFT, RIGHT, TOP, BOTTOM = 38.0, 49.0, 12.0, 19.0  # margins in points
-NAMED_LEFT, NAMED_RIGHT, NAMED_TOP = 56.0, 16.0, 7.0  # of a figure that has lanes only
+NAMED_LEFT, NAMED_RIGHT, NAMED_TOP = 56.0, 16.0, 7.0  # margins of a figure with lanes only
 # between the panels; the temperature's share of the height
 BETWEEN, ABOVE_LANES, UPPER = 15.0, 7.0, 0.7
-STATE_LANE_PT = 19.0  # in a figure that has lanes only
+STATE_LANE_PT = 19.0  # in a figure with lanes only
 SHORT_S = 1.0
-WIDE_JOINT = 3.0  # times the least visible time: a longer joint is shaded over the full height
-RARE = 0.02  # samples that may lie in the coarse part of a scale
+WIDE_JOINT = 3.0  # a joint longer than this many visible minimums is shaded over the full height
+RARE = 0.02  # share of samples that may lie in the coarse part of a scale
 COARSE: Final = 0.2  # share of the height below a knee
 
 
 class Scale(NamedTuple):
-    """The scale of the temperature in °C; below the knee, if there is one, it is coarser."""
+    """Scale of the temperature in °C; below the knee, if there is one, it is coarser."""
 
     low: float
     high: float
@@ -64,7 +64,7 @@ class Scale(NamedTuple):
 
 
 def draw(trace: Trace, form: Format, scale: Scale | None = None) -> Figure:
-    """Return the figure of one port; `scale` is that of `scale_of`, if it is known."""
+    """Return the figure of one port. `scale`: the result of `scale_of`, if already known."""
     lanes = lanes_of(trace, form)
     with styled():
         figure = new_figure(form.width_pt, height_pt(trace, lanes, form))
@@ -92,7 +92,7 @@ def draw_at(
     """Draw a port into a figure, `top` points below its upper edge, and return the panels, the
     lowest last.
 
-    `has_knee`: rare low temperatures may share a coarser part of the scale.
+    `has_knee`: rare low temperatures may have a coarser part of the scale.
     """
     panels = _panels(figure, top, trace, lanes, form)
     marks = time_marks(trace.grid.t0_utc_us, trace.start, trace.end, form.time_marks)
@@ -124,14 +124,14 @@ def _panels(
 
 
 def _known(values: Readings) -> Readings:
-    """Return the values without NaN; these themselves, if there is none."""
+    """Return the values without NaN; `values` itself if it has none."""
     there = ~np.isnan(values)
     return values if there.all() else values[there]
 
 
 def _temperature(axes: Axes, trace: Trace, form: Format, scale: Scale) -> None:
     _scale(axes, scale)
-    _ground(axes, trace, form)
+    _shade_spans(axes, trace, form)
     _joints(axes, trace, form)
     _curve(
         axes,
@@ -150,8 +150,8 @@ def _temperature(axes: Axes, trace: Trace, form: Format, scale: Scale) -> None:
 
 
 def scale_of(trace: Trace, *, has_knee: bool = True) -> Scale:
-    """Return a scale that contains readings, settings and limits; its part below a knee, if it may
-    have one, is coarser.
+    """Return a scale that contains readings, settings and limits; `has_knee`: a part of it may be
+    coarser.
     """
     read, external = (
         _known(trace.temperature),
@@ -184,7 +184,6 @@ def _scale(axes: Axes, scale: Scale) -> None:
 
 
 def _range(parts: Sequence[Readings], least: float) -> tuple[float, float]:
-    """Return a range that contains every value, with a margin."""
     ends = [
         (float(known.min()), float(known.max())) for part in parts if len(known := _known(part))
     ]
@@ -233,7 +232,7 @@ def _bent_values(low: float, knee: float, high: float) -> list[float]:
 
 
 def _joints(axes: Axes, trace: Trace, form: Format) -> None:
-    """Draw a bar at the foot for each joint, higher if the tip was not back before the next."""
+    """Draw a bar at the foot for each joint, higher if the tip did not recover before the next."""
     least, high = least_seen_s(trace, form), size_pt(axes)[1]
     for word, colour in style.JOINT_COLOURS.items():
         spans = [
@@ -250,8 +249,8 @@ def _joints(axes: Axes, trace: Trace, form: Format) -> None:
 
 
 def _setting(axes: Axes, trace: Trace, form: Format) -> list[Label]:
-    """Draw a dot at each reading, and a line between two equal readings; nothing after the last,
-    nor across an outage.
+    """Draw a dot at each reading of the setting and a line between equal ones; no line after the
+    last nor across an outage.
     """
     known = _known(trace.setting)
     if not len(known):
@@ -267,8 +266,8 @@ def _setting(axes: Axes, trace: Trace, form: Format) -> list[Label]:
 
 
 def _held(trace: Trace, curve: Envelope) -> tuple[Floats, Floats]:
-    """Return the readings of the setting, with a break before each that differs from the one before
-    it or follows an outage.
+    """Return the readings of the setting, with a break before each that differs from the previous
+    one or follows an outage.
     """
     outages = np.array([gap.start for gap in trace.gaps if gap.seconds >= SHORT_S])
     is_over = np.diff(np.searchsorted(outages, curve.seconds)) > 0  # nothing was read in between
@@ -292,7 +291,7 @@ def _limits(axes: Axes, trace: Trace) -> list[Label]:
 
 
 def _external(axes: Axes, trace: Trace, form: Format) -> list[Label]:
-    """Draw the thermocouple on the work of hot air, if there is one."""
+    """Draw the external thermocouple of hot air, if there is one."""
     if trace.air is None or np.isnan(trace.air.external).all():
         return []
     _curve(axes, trace, trace.air.external, form, (style.EXTERNAL, style.EXTERNAL_BAND, "external"))
@@ -303,7 +302,7 @@ def _power(axes: Axes, trace: Trace, form: Format) -> None:
     known = _known(trace.power)
     axes.set_ylim(0, max(100.0, 1.08 * float(known.max())) if len(known) else 1000.0)
     valued(axes, round_values(*axes.get_ylim(), 3))
-    _ground(axes, trace, form)
+    _shade_spans(axes, trace, form)
     _curve(axes, trace, trace.power, form, (style.POWER, style.POWER_BAND, "power"), is_filled=True)
     axes.set_title("Power in ‰")
     if len(known):
@@ -319,7 +318,7 @@ def _curve(
     *,
     is_filled: bool = False,
 ) -> None:
-    """Draw the mean as a line within minimum and maximum; a lone reading as a dot or a bar."""
+    """Draw the mean as a line within minimum and maximum, a lone reading as a dot or a bar."""
     colour, band, of = look
     curve = envelope(trace.seconds, values, form.stretches, JOINED_PERIODS * trace.period_s)
     x, alone = trace.dates(curve.seconds), lone(curve)
@@ -350,10 +349,10 @@ def _curve(
     dots(axes, trace.dates(alone.seconds), alone.mean, 1.1, colour, of)
 
 
-def _ground(axes: Axes, trace: Trace, form: Format) -> None:
+def _shade_spans(axes: Axes, trace: Trace, form: Format) -> None:
     """Shade joints, alarms and errors below the grid, gaps above it.
 
-    A gap shorter than both `SHORT_S` and what is visible is only in the lanes: a hundred single
+    A gap shorter than both `SHORT_S` and the visible minimum is only in the lanes: a hundred single
     lost readings would hide a curve that is nearly complete.
     """
     least = least_seen_s(trace, form)
@@ -382,6 +381,5 @@ def _ground(axes: Axes, trace: Trace, form: Format) -> None:
 
 
 def _shaded(axes: Axes, trace: Trace, spans: Sequence[Span], of: str, **look: object) -> None:
-    """Fill spans over the full height."""
     places = [(*trace.dates([span.start, span.end]).tolist(), 0.0, 1.0) for span in spans]
     rectangles(axes, places, of, transform=axes.get_xaxis_transform(), **look)

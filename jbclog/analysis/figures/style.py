@@ -1,8 +1,8 @@
 """Colours, hatches and sizes of the figures; `figures.mplstyle` has the rest.
 
-The colours follow Okabe and Ito, so colour-blind readers and grey printers can distinguish them.
-Nothing depends on colour alone: lines differ in their dashes, spans in their hatching, and each has
-a label beside it.
+Colours follow Okabe and Ito, which colour-blind readers and grey printers can distinguish. Nothing
+depends on colour alone: lines differ in their dashes, spans in their hatching, and each has a label
+beside it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final
 from jbclog.analysis.figures.trace import JointEnd, MarkKind
 
 Look = dict[str, Any]
-"""How an artist is drawn, as matplotlib takes it."""
+"""Properties of an artist, as matplotlib takes them."""
 
 INK: Final = "#1c2733"
 QUIET: Final = "#5d6b7a"
@@ -36,7 +36,7 @@ LINES: Final[dict[str, Look]] = {
     "high": {"color": ALARM, "linewidth": 1.1, "dashes": (1.2, 1.4)},
     "low": {"color": ALARM, "linewidth": 1.1, "dashes": (4.4, 1.7, 1.1, 1.7)},
 }
-"""How the setting and the limits are drawn, as `Axes.plot` takes it."""
+"""Properties of the lines of setting and limits, for `Axes.plot`."""
 
 STATUS_SHADES: Final = {
     "working": "#3d5166",
@@ -53,7 +53,7 @@ STATUS_SHADES: Final = {
     "out of range": "#3d5166",
     "ok": "#c3ced8",
 }
-OTHER_SHADE: Final = "#e1e7ec"  # of words that are not in this table: a flow
+OTHER_SHADE: Final = "#e1e7ec"  # for words not in this table, such as a flow
 GRAVE_STATES: Final = frozenset({"shortage", "clogged", "both"})
 ALWAYS_SEEN: Final = frozenset({"suction", *GRAVE_STATES})
 DARK_STATUS: Final = frozenset(
@@ -66,7 +66,7 @@ HATCH_ELSE: Final = "////"
 
 
 def hatch(word: str, wide: bool) -> str | None:
-    """Return the hatching of missing data by its reason; None for a sliver."""
+    """Return the hatch of missing data by its reason; None for a sliver."""
     return HATCHES.get(word, HATCH_ELSE) if wide else None
 
 
@@ -85,7 +85,7 @@ JOINT_COLOURS: Final = {
     JointEnd.BACK: TEMPERATURE,
     JointEnd.CUT_OFF: NO_DATA,
     JointEnd.LATE: ALARM,
-}  # in the order in which they lie
+}  # drawing order
 JOINT_HEIGHTS: Final = {JointEnd.BACK: 4.0, JointEnd.CUT_OFF: 4.0, JointEnd.LATE: 7.0}
 JOINT_TINT: Final = "#eaf1f8"
 COARSER_TINT: Final = "#f1f3f5"

@@ -1,4 +1,4 @@
-"""Ticks of an axis: round values, round UTC times; durations in words."""
+"""Ticks of an axis: round values and round UTC times; durations as text."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from matplotlib.ticker import MaxNLocator
 
 from jbclog.core.clock import utc_of
 
-STEPS: Final = (1, 2, 5, 10)  # steps that people count in
+STEPS: Final = (1, 2, 5, 10)  # round steps, in units of a power of ten
 
 
 def round_values(low: float, high: float, most: int, *, whole: bool = True) -> list[float]:
-    """Return round values from `low` to `high`, at most `most` steps; integers if `whole`."""
+    """Return round values from `low` to `high` in at most `most` steps; integers if `whole`."""
     locator = MaxNLocator(most, steps=STEPS, integer=whole, min_n_ticks=1)
     return [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
 
@@ -63,7 +63,7 @@ def _label(utc_s: int, step: int) -> str:
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration in words: ``7 h 59 min 38 s``, ``2 min 5 s``, ``20.0 s``."""
+    """Return a duration as text: ``7 h 59 min 38 s``, ``2 min 5 s``, ``20.0 s``."""
     if round(seconds, 1) < 60:
         return f"{seconds:.1f} s"
     hours, rest = divmod(round(seconds), 3600)

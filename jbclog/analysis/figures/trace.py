@@ -1,4 +1,4 @@
-"""One port of a run, as a figure shows it: curves, spans, limits, marks on its time axis."""
+"""One port of a run as a figure shows it: curves, spans, limits and marks on its time axis."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from jbclog.analysis.figures.curves import Floats, Readings, Span, dates, within
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 
-JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
-# the setting is due each 5 s; two losses are bridged in the drawing, and only there
+JOINED_PERIODS = 1.5  # no line joins samples further apart than this
+# the setting is due every 5 s; two losses are bridged in the drawing only
 SETTING_JOINED_S = 15.0
 
 
 class JointEnd(StrEnum):
-    """Whether the tip was back before the next joint."""
+    """Whether the tip recovered before the next joint."""
 
     BACK = "back"
     CUT_OFF = "cut off"
@@ -34,8 +34,8 @@ class MarkKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The time axis of a run. `period_s` is None with ``--rate max``: then the UTC of the rows is
-    used, less its steps.
+    """The time axis of a run. `period_s` is None with ``--rate max``: the axis is then the UTC of
+    the rows, corrected for its steps.
     """
 
     t0_utc_us: int
@@ -43,7 +43,7 @@ class Grid:
     steps: tuple[Step, ...] = ()
 
     def seconds(self, ticks: Floats, utc_us: Floats) -> Floats:
-        """Return the seconds of the run of rows with these ticks and times."""
+        """Return the seconds of the run for rows with these ticks and times."""
         if self.period_s:
             return ticks * self.period_s
         if self.steps:
@@ -53,7 +53,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """An alarm limit as confirmed: since when (s) each value (°C) held; NaN while it was off."""
+    """An alarm limit as confirmed: each value (°C) and when it began (s); NaN while off."""
 
     side: str  # "high" or "low"
     seconds: tuple[float, ...]
@@ -62,7 +62,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An alarm, an unconfirmed alarm or an error, from its earliest possible moment on."""
+    """An alarm, an unconfirmed alarm or an error, from its earliest possible time."""
 
     span: Span
     kind: MarkKind
@@ -70,7 +70,9 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Air:
-    """Hot air on the rows of a trace: °C of the work (NaN: not read), and lanes by name."""
+    """Hot air on the rows of a trace: °C of the external thermocouple (NaN: not read), and lanes by
+    name.
+    """
 
     external: Readings
     lanes: dict[str, list[Span]]
@@ -85,7 +87,7 @@ class Air:
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One port. Values are NaN where nothing was read."""
+    """One port. Values are NaN where not read."""
 
     grid: Grid
     period_s: float
@@ -99,9 +101,9 @@ class Trace:
     marks: Sequence[Mark] = field(default_factory=tuple)
     # lanes of a station without a temperature
     states: Mapping[str, list[Span]] = field(default_factory=dict)
-    air: Air | None = None  # of hot air
+    air: Air | None = None  # only for hot air
     joints: Sequence[Span] = ()  # their words are those of `JointEnd`
-    # of each row; empty: not read
+    # per row; empty: not read
     reasons: pd.Categorical = field(default_factory=lambda: pd.Categorical([]))
 
     @property
@@ -114,7 +116,7 @@ class Trace:
 
     @property
     def longest_gaps(self) -> list[Span]:
-        """The gaps, the longest first; of those of one length, the first."""
+        """The gaps, longest first; gaps of one length in order."""
         return sorted(self.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
 
     def dates(self, seconds: ArrayLike) -> Floats:

@@ -1,4 +1,6 @@
-"""Who computes: this process, several processes of this computer, or the workers of a scheduler."""
+"""Where to compute: in this process, in several processes of this computer, or on the workers of a
+scheduler.
+"""
 
 from __future__ import annotations
 
@@ -13,35 +15,34 @@ A = TypeVar("A")
 T = TypeVar("T")
 
 MUCH_ROWS: Final = 5_000_000
-"""From so many rows on, processes of their own are worth the two seconds that their start takes."""
+"""Rows from which on child processes are worth the two seconds that their start takes."""
 MUCH_RUNS: Final = 64
-"""The same where each run is opened."""
+"""The same as a number of runs, where each run is opened."""
 
 
 class Engine(Protocol):
     """Calls a function for each task."""
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
-        """Yield the results in the order of the tasks, whoever computes them; keeps a bounded
-        number of them.
+        """Yield the results in the order of the tasks, holding a bounded number of them.
 
-        What the function raises is raised here, at the place of its result.
+        An exception of the function is raised at the position of its result.
         """
         ...
 
 
 class Here:
-    """This process, one task after another."""
+    """Runs one task after another in this process."""
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
         return map(function, tasks)
 
 
 def engine_of(scheduler: str | None, *, is_much: bool) -> Engine:
-    """Return who computes: the workers of `scheduler`; without one processes if there is much to
-    do, else this process.
+    """Return the engine: the workers of `scheduler`; without one, processes if there is much to do,
+    else this process.
 
-    Raises `UsageError` for an address that is none, or without the libraries.
+    Raises `UsageError` for an invalid address, or without the libraries.
     """
     if scheduler is not None:
         return Scheduler(scheduler)

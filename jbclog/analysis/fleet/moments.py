@@ -1,15 +1,15 @@
-"""Partial statistics of groups of values, which merge exactly: the same answer, to the last digit,
-in any order and any division.
+"""Partial statistics of groups of values that merge exactly: the same result, to the last digit, in
+any order and any division.
 
-Every finite double is a whole number of 2^-1074. So a sum is kept as a whole number of these, and a
-sum of squares as one of 2^-2148: Python's whole numbers have no limit, and their sums no rounding.
-Mean and variance are rounded once, at the end. The shared origin of all squares is zero; with exact
-sums no other one is better.
+Every finite double is an integer multiple of 2^-1074. So a sum is kept as an integer of these, and
+a sum of squares as one of 2^-2148: Python's integers are unbounded, and their sums exact. Mean and
+variance are rounded once, at the end. All squares are about zero; with exact sums no other origin
+is better.
 
 Quantiles come from counts of values in bins. A bin has the values of one sign and exponent whose
-first ten bits behind the point are the same. A quantile is the middle of the bin in which the value
-of that rank lies, which differs from that value by at most `QUANTILE_ERROR` of it. Bins are fixed,
-so that counts add up.
+first ten bits behind the point are the same. A quantile is the middle of the bin that contains the
+value of that rank, and differs from it by at most `QUANTILE_ERROR` of it. Bins are fixed, so that
+counts add up.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ BINS: Final = 1 << (63 - SHIFT + 1)
 
 @dataclass(slots=True)
 class Moments:
-    """Statistics of some values. `unknown` counts those that are null or not finite, `n` the
-    others.
+    """Statistics of a set of values. `unknown` counts null and non-finite values, `n` the others.
 
     `total` is their sum × 2^1074 and `squares` the sum of their squares × 2^2148. `bins` counts
     values by the first bits of their doubles.
@@ -57,7 +56,7 @@ class Moments:
     bins: Counter[int] = field(default_factory=Counter)
 
     def add(self, other: Moments) -> None:
-        """Add the values of another one."""
+        """Merge other statistics into these."""
         self.n += other.n
         self.unknown += other.unknown
         self.total += other.total
@@ -78,7 +77,7 @@ class Moments:
     @property
     def sd(self) -> float | None:
         """The standard deviation (n − 1), from a variance rounded once; None below two values, or
-        above the doubles.
+        if too large for a double.
         """
         if self.n < 2:
             return None
@@ -104,8 +103,8 @@ class Moments:
 
 
 def moments_of(values: Floats, counts: Ints, groups: Ints, count: int) -> list[Moments]:
-    """Return the statistics of each group of values, each of which occurs so many times, at most 65
-    536 values in all.
+    """Return the statistics of each group of values; `counts` is how often each value occurs, 65
+    536 values in all at most.
 
     `groups` has the number of each value's group, from 0 to below `count`.
     """
@@ -116,7 +115,7 @@ def moments_of(values: Floats, counts: Ints, groups: Ints, count: int) -> list[M
     for group, unknown in zip(groups[~is_known].tolist(), counts[~is_known].tolist(), strict=True):
         found[group].unknown += unknown
     if is_known.any():
-        # + 0.0: there is one zero
+        # + 0.0 turns -0.0 into 0.0
         _add(found, values[is_known] + 0.0, counts[is_known], groups[is_known])
     return found
 
@@ -170,7 +169,7 @@ def _summed(limbs: Sequence[Ints], slots: Ints, count: int, places: Sequence[int
 
 
 def _middle(number: int) -> float:
-    """Return the middle of a bin; zero for one with zero and what is below 2^-1022."""
+    """Return the middle of a bin; zero for the bin of zero and values below 2^-1022."""
     if (number >> BIN_BITS) & 0x7FF == 0:
         return 0.0
     sides = np.array([number << SHIFT, (number << SHIFT) | ((1 << SHIFT) - 1)], np.int64).view(

@@ -1,9 +1,7 @@
-"""A local cluster of processes: no port is opened, so that no other user of the computer can reach
-it.
+"""A pool of child processes, reached by pipes.
 
-Dask's own local cluster listens at a TCP port of the computer, where every user of it could run
-code as this one. These processes are children that are reached by pipes. A child that is killed
-costs its tasks a second trial, in new children.
+Dask's own local cluster listens on a TCP port, through which every user of the computer could run
+code as this one. If a child is killed, its tasks are tried again in new children.
 """
 
 from __future__ import annotations
@@ -23,19 +21,20 @@ A = TypeVar("A")
 T = TypeVar("T")
 
 AHEAD: Final = 4
-"""Tasks of each process that are begun before their turn: so many results are kept at most."""
+"""Tasks per process started ahead; bounds the number of results held."""
 MOST_BREAKS: Final = 3
 
 
 class Processes:
-    """So many child processes, each with one thread; they end with the last result."""
+    """Child processes with one thread each; they end with the last result."""
 
     def __init__(self, count: int) -> None:
         self._count = count
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
-        """Yield the results in the order of the tasks. Raises `RecordError` if children are killed
-        again and again.
+        """Yield the results in the order of the tasks.
+
+        Raises `RecordError` if children are killed repeatedly.
         """
         packed, left = _packed(function), iter(tasks)
         open_tasks: deque[A] = deque(islice(left, AHEAD * self._count))
@@ -62,7 +61,7 @@ class Processes:
     def _results(
         self, pool: ProcessPoolExecutor, packed: bytes, open_tasks: deque[A], left: Iterator[A]
     ) -> Iterator[Any]:
-        """Yield results; a task leaves `open_tasks` when its result is there."""
+        """Yield results; a task leaves `open_tasks` when its result has arrived."""
         begun: deque[Future[Any]] = deque(pool.submit(_call, packed, task) for task in open_tasks)
         while begun:
             result = begun.popleft().result()
@@ -74,8 +73,8 @@ class Processes:
 
 
 def _packed(function: Callable[..., object]) -> bytes:
-    """Return a function as bytes; also one of a notebook, where `cloudpickle` is installed (extra
-    `fleet`).
+    """Return a function as bytes, with `cloudpickle` (extra `fleet`) also one defined in a
+    notebook.
     """
     try:
         import cloudpickle

@@ -1,9 +1,8 @@
-"""The workers of a Dask scheduler, reached at ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
+"""The workers of a Dask scheduler at ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
 
-Whoever reaches an open scheduler runs code on all workers. Certificates of ``tls://`` come from
-Dask's configuration, as its own tools take them. Each task compares its worker's version of jbclog,
-also of one that joins later. Tasks of a worker that is killed are given to another one by the
-scheduler.
+Anyone who reaches an open scheduler can run code on all workers. Certificates of ``tls://`` come
+from Dask's configuration. Each task compares its worker's version of jbclog, because workers may
+join later. The scheduler gives tasks of a killed worker to another one.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ T = TypeVar("T")
 ADDRESS: Final = re.compile(r"(tcp|tls)://(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+):(\d{1,5})")
 CONNECT_S: Final = 10.0
 NO_WORKER_S: Final = 30.0
-"""So long the scheduler may be without any worker."""
+"""How long the scheduler may have no worker."""
 LOOK_S: Final = 2.0
 AHEAD: Final = 4
-"""Tasks of each thread of the workers that are begun before their turn."""
+"""Tasks per worker thread started ahead."""
 LEAST_AHEAD: Final = 16
 MOST_SAID: Final = 300
 CERTIFICATES: Final = (
@@ -53,7 +52,7 @@ class Scheduler:
         matched = ADDRESS.fullmatch(address)
         if matched is None or not 0 < int(matched[3]) < 65_536:
             raise UsageError(
-                f"{_said(address)}: a scheduler is tcp://HOST:PORT or tls://HOST:PORT, as"
+                f"{_printable(address)}: a scheduler is tcp://HOST:PORT or tls://HOST:PORT, as"
                 " tcp://dask.plant:8786"
             )
         try:
@@ -63,8 +62,9 @@ class Scheduler:
         self.address = address
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
-        """Yield the results in the order of the tasks. Raises `RecordError` where the scheduler or
-        all workers are gone.
+        """Yield the results in the order of the tasks.
+
+        Raises `RecordError` if the scheduler or all workers are lost.
         """
         with _quiet(), self._connected() as client, self._explained():
             self._expect_versions(client)
@@ -93,7 +93,7 @@ class Scheduler:
         try:
             yield client
         finally:
-            # what was computed is here; its own assertion fails where it was reconnecting just then
+            # the results are here; Dask's assertion fails if it is just reconnecting
             with suppress(AssertionError, OSError, RuntimeError):
                 client.close(timeout=CONNECT_S)
 
@@ -102,7 +102,7 @@ class Scheduler:
         if self.address.startswith("tls:"):
             advice = CERTIFICATES
         return (
-            f"{self.address}: no scheduler answers ({_said(error)}); start `dask scheduler`"
+            f"{self.address}: no scheduler answers ({_printable(error)}); start `dask scheduler`"
             f" there{advice}"
         )
 
@@ -119,12 +119,12 @@ class Scheduler:
         except KilledWorker as error:
             raise RecordError(
                 f"{self.address}: workers ended while they computed the same part, perhaps for lack"
-                f" of memory: {_said(error)}"
+                f" of memory: {_printable(error)}"
             ) from error
         except RuntimeError as error:
             if "deserialization" not in str(error):
                 raise
-            why = _said(error.__cause__ or error)
+            why = _printable(error.__cause__ or error)
             raise RecordError(
                 f"{self.address}: the scheduler or a worker lacks what the function needs: {why}"
             ) from error
@@ -134,7 +134,7 @@ class Scheduler:
             ) from error
 
     def _expect_versions(self, client: Client) -> None:
-        """Raise `RecordError` without workers, or where one of them has another version."""
+        """Raise `RecordError` without workers, or if one of them has another version."""
         try:
             client.wait_for_workers(1, timeout=CONNECT_S)
         except TimeoutError:
@@ -147,13 +147,13 @@ class Scheduler:
         if others:
             name, found = next(iter(others.items()))
             raise RecordError(
-                f"{self.address}: {_said(name)} has another version ({len(others)} in all):"
-                f" {_said(found)}; here is {version()}. Install the same on all"
+                f"{self.address}: {_printable(name)} has another version ({len(others)} in all):"
+                f" {_printable(found)}; here is {version()}. Install the same on all"
             )
 
     def _versions(self, client: Client) -> dict[str, object]:
-        """Return the version of each worker, or the error by which it does not know it, and the
-        scheduler's if it differs.
+        """Return the version of each worker, or the error that prevents it, and the scheduler's if
+        it differs.
         """
         found: dict[str, object] = dict(client.run(version, on_error="return"))
         versions: Any = client.get_versions()
@@ -169,7 +169,7 @@ class Scheduler:
         return max(LEAST_AHEAD, AHEAD * int(sum(client.nthreads().values())))
 
     def _result(self, client: Client, future: Future[Any]) -> Any:
-        """Return the result of a task. Raises `RecordError` where nobody is left to compute it."""
+        """Return the result of a task. Raises `RecordError` if no worker is left."""
         last_seen = time.monotonic()
         while True:
             try:
@@ -187,7 +187,7 @@ class Scheduler:
 
 
 def version() -> str:
-    """Return what computes here. A worker is asked for it."""
+    """Return the version of what computes here; workers are asked for it."""
     import distributed
 
     dask: str = distributed.__version__  # type: ignore[attr-defined]  # it is there
@@ -199,8 +199,9 @@ def version() -> str:
 
 
 def checked(expected: str, function: Callable[[A], T], task: A) -> T:
-    """Return the function's result, on a worker. Raises `RecordError` if it has another version
-    than who asks.
+    """Return the function's result, on a worker.
+
+    Raises `RecordError` if its version is not `expected`.
     """
     if version() != expected:
         raise RecordError(
@@ -230,5 +231,5 @@ def _quiet() -> Iterator[None]:
             log.setLevel(level)
 
 
-def _said(what: object) -> str:
+def _printable(what: object) -> str:
     return shortened(clean(" ".join(str(what).split()) or type(what).__name__), MOST_SAID)

@@ -1,4 +1,4 @@
-"""Find the joints of a port in its temperature and power, from the heat that leaves the tip.
+"""Find the joints of a port from the heat that leaves its tip.
 
 Start with `joints.py`. It calls, in this order: `series.py` (rows to even stretches), `identify.py`
 and `thermal.py` (heat balance of the tip), `contacts.py` and `draws.py` (heat draws), `feeding.py`

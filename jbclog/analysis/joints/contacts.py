@@ -1,8 +1,9 @@
-"""Find contacts: when the tip touched something, from the heat flow into the work (`thermal`).
+"""Find contacts, the times in which the tip touched something, from the heat flow into the work
+(`thermal`).
 
 A *part* is a run of rows whose flow is above a low limit, cut where the flow comes near zero
 between a falling and a rising edge that are both beyond the noise. Two parts are *apart* if the
-flow was zero between them, which one of three things shows: both stand `CLEAR_NOISES` above the
+flow was zero between them. One of three conditions shows this: both are `CLEAR_NOISES` above the
 valley; the flow smoothed to `COARSE_S` is near zero too; or the second part has the fresh onset of
 a contact. Otherwise they are one contact, such as a long one whose flow has fallen to the noise. A
 contact reaches the high limit.
@@ -14,9 +15,10 @@ low, because the work has warmed up. It is placed where a fall from the last flo
 likely, which is where the sum of the flow beyond half of that is greatest (D. V. Hinkley,
 Biometrika 57, 1970).
 
-The limits are multiples of the standard deviation that the noise of the temperature gives the flow
-and its rate of change: noise alone passes `HIGH_NOISES` once in 31 600 independent looks, and
-`EDGE_NOISES` once in 4300. Minimum values in ‰ keep the model's own error out.
+The limits are multiples of the standard deviations of the flow and of its rate of change that
+follow from the noise of the temperature: noise alone exceeds `HIGH_NOISES` once in 31 600
+independent looks, and `EDGE_NOISES` once in 4300. Minimum values in ‰ keep out the model's own
+error.
 """
 
 from __future__ import annotations
@@ -38,26 +40,27 @@ EDGE_NOISES: Final = 3.0
 VALLEY_NOISES, VALLEY_SHARE = 2.0, 0.6
 CLEAR_NOISES: Final = 6.0
 FRESH_NOISES: Final = 5.0
-FRESH_FACTOR: Final = 2.5  # times the flow before: a contact that continues does not rise so far
+# ratio to the flow before: a contact that continues does not rise this much
+FRESH_FACTOR: Final = 2.5
 COARSE_NOISES, COARSE_SHARE = 2.0, 0.65
-# of the time expected between two joints, and of the lower neighbour
+# shares of the expected time between two joints, and of the lower neighbour
 EXPECTED_SHARE, EXPECTED_VALLEY = 0.6, 0.6
-FAR_S: Final = 1.5  # parts further from each other are apart without a comparison
-BESIDE_S: Final = 0.8  # on each side of a valley: where its neighbours' flow is taken
-LOOK_S: Final = 0.3  # around the crossing of the low limit: where a start is searched
-TAIL_S: Final = 0.6  # around the end of a run of rows: where a contact's end is searched
-# before the steepest fall: from and to where a contact's last flow is taken
+FAR_S: Final = 1.5  # parts further apart than this are not compared
+BESIDE_S: Final = 0.8  # on each side of a valley: window of its neighbours' flow
+LOOK_S: Final = 0.3  # around the crossing of the low limit: window of a start
+TAIL_S: Final = 0.6  # around the end of a run of rows: window of a contact's end
+# before the steepest fall: window of a contact's last flow
 LEVEL_S, EDGE_S = 0.6, 0.15
 
 Part = tuple[int, int]
-"""The first row, and the one after the last."""
+"""First row, and the row after the last."""
 
 
-class Contact(NamedTuple):  # there are thousands: a tuple is made in a fifth of the time
+class Contact(NamedTuple):  # there are thousands, and a tuple is made in a fifth of the time
     """A contact: its first and last moment in seconds of the run's grid, and their rows.
 
-    The rows count through all stretches that it was found in; its own stretch has those from
-    `begin` to before `end`.
+    Rows are numbered through all stretches of the search; those of its own stretch are from `begin`
+    to before `end`.
     """
 
     start_s: float
@@ -70,7 +73,7 @@ class Contact(NamedTuple):  # there are thousands: a tuple is made in a fifth of
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """The heat flow into the work in ‰ in each row of a stretch; zero while the tip is not
+    """The heat flow into the work in ‰ for each row of a stretch; zero while the tip is not
     ready.
     """
 
@@ -79,11 +82,10 @@ class Flow:
 
 
 def flow_into_work(stretch: Stretch, model: ThermalModel, ready: Flags) -> Flow:
-    """Return the flow of a stretch; before the tip is `ready`, heat goes into the tip and the flow
-    is zero.
+    """Return the flow of a stretch; zero until the tip is `ready`, while heat goes into the tip.
 
-    A temperature that the station shows late belongs to the power of that earlier moment, so the
-    stretch of the flow is as early as that power.
+    A temperature that is reported late belongs to earlier power, so the flow has the time of the
+    power.
     """
     flow = flow_of(stretch.power_later(model.delay.rows), model.values, model.noise.smooth_s)
     return Flow(stretch.earlier(model.delay.moved_s), np.where(ready, flow, 0.0))
@@ -92,10 +94,10 @@ def flow_into_work(stretch: Stretch, model: ThermalModel, ready: Flags) -> Flow:
 def find_contacts(
     parts: Sequence[Flow], noise: Noise, expected_every_s: float | None = None
 ) -> list[Contact]:
-    """Return the contacts of stretches, one stretch after the other, in order of time.
+    """Return the contacts of all stretches, in order of time.
 
-    All are looked at together, because each step takes longer to begin than to do in the stretches
-    of a minute that a tip is identified in. `expected_every_s` helps to separate two contacts and
+    All stretches are searched at once, because in the one-minute stretches of identification most
+    steps cost more to start than to run. `expected_every_s` helps to separate two contacts and
     never makes one.
     """
     parts = [part for part in parts if len(part.flow)]
@@ -109,9 +111,9 @@ def find_contacts(
 
 @dataclass(frozen=True, slots=True)
 class _Signals:
-    """The flow of stretches with what is derived from it: rate of change, coarse flow, limits.
+    """The flow of stretches and what is derived from it: rate of change, coarse flow, limits.
 
-    The rows of each stretch are those from one of `begins` to before one of `ends`.
+    The rows of a stretch are those from one of `begins` to before one of `ends`.
     """
 
     period_s: float
@@ -126,27 +128,27 @@ class _Signals:
 
     @property
     def high(self) -> float:
-        """The limit in ‰ that a contact reaches."""
+        """Limit in ‰ that a contact reaches."""
         return max(HIGH_NOISES * self.noise.flow, self.noise.floors * HIGH_PERMILLE)
 
     @property
     def low(self) -> float:
-        """The limit in ‰ above which a part of a contact lies."""
+        """Limit in ‰ above which a part of a contact lies."""
         return max(LOW_NOISES * self.noise.flow, self.noise.floors * LOW_PERMILLE)
 
     def rows(self, seconds: float) -> int:
-        """Return how many rows this time has, at least one."""
+        """Return the number of rows in this time, at least one."""
         return max(round(seconds / self.period_s), 1)
 
     def stretch_of(self, rows: Places) -> tuple[Places, Places]:
-        """Return where the stretch of each row begins, and where it ends."""
+        """Return the begin and the end of the stretch of each row."""
         place = np.searchsorted(self.begins, rows, side="right") - 1
         return self.begins[place], self.ends[place]
 
 
 def _signals(parts: Sequence[Flow], noise: Noise, expected_every_s: float | None) -> _Signals:
     period = parts[0].stretch.period_s
-    # in fewer rows nothing shows
+    # fewer rows show nothing
     flows = [part.flow if len(part.flow) >= 3 else np.zeros(len(part.flow)) for part in parts]
     more = float(np.sqrt(max(COARSE_S**2 - noise.smooth_s**2, 0.0))) / period
     flow = np.concatenate(flows)
@@ -177,7 +179,7 @@ def _edges(signals: _Signals) -> tuple[Places, Flags]:
 
 
 def _parts(signals: _Signals) -> tuple[Places, Places]:
-    """Return the runs above the low limit, cut at their valleys: first rows, and the rows after the
+    """Return the runs above the low limit, cut at their valleys: first rows, and rows after the
     last.
     """
     above, begins = signals.flow > signals.low, signals.begins[1:]
@@ -186,12 +188,12 @@ def _parts(signals: _Signals) -> tuple[Places, Places]:
 
 
 def _cut(first: Places, last: Places, rows: Places) -> tuple[Places, Places]:
-    """Return the runs, cut before these rows of theirs."""
+    """Cut the runs before these of their rows."""
     return np.sort(np.concatenate([first, rows])), np.sort(np.concatenate([rows, last]))
 
 
 def _valleys(signals: _Signals, first: Places, last: Places) -> Places:
-    """Return the row at which a run is lowest between a falling and the next rising edge."""
+    """Return the lowest row of each run between a falling and the next rising edge."""
     edges, upward = _edges(signals)
     run = np.searchsorted(first, edges) - 1  # an edge in the first row of a run is outside
     within = (run >= 0) & (edges < np.append(last, 0)[run])
@@ -200,7 +202,7 @@ def _valleys(signals: _Signals, first: Places, last: Places) -> Places:
 
 
 def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Places]:
-    """Merge parts that are not apart. A zero flow between them shows most that are; the others are
+    """Merge parts that are not apart. Zero flow between them separates most; the others are
     compared one by one.
     """
     if len(first) < 2:
@@ -226,8 +228,8 @@ def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Pla
 
 
 def _are_apart(signals: _Signals, one: Part, other: Part, valley: tuple[float, float]) -> bool:
-    """Return whether the flow was zero between two parts although its lowest there, `valley` (as it
-    is, coarse), is not near it.
+    """Return whether the flow was zero between two parts whose lowest flow, `valley` (as it is,
+    coarse), is not near zero.
     """
     flow, coarse, noise = signals.flow, signals.coarse, signals.noise
     lowest, lowest_coarse = valley
@@ -251,9 +253,7 @@ def _are_apart(signals: _Signals, one: Part, other: Part, valley: tuple[float, f
 
 
 def _contacts(signals: _Signals, first: Places, last: Places) -> list[Contact]:
-    """Return the contacts with their edges: the steepest rise before the peak, and the most likely
-    end.
-    """
+    """Return the contacts, from the steepest rise before the peak to the most likely end."""
     begin, end = signals.stretch_of(first)
     peak = segments(first, last).where_greatest(signals.flow)
     start = segments(np.maximum(first - signals.rows(LOOK_S), begin), peak + 1).where_greatest(
@@ -268,7 +268,7 @@ def _contacts(signals: _Signals, first: Places, last: Places) -> list[Contact]:
 def _ends(
     signals: _Signals, start: Places, last: Places, next_first: Places
 ) -> tuple[Places, Floats]:
-    """Return rows and moments of the ends: a fall from the last flow to zero is most likely there;
+    """Return rows and moments of the ends: where a fall from the last flow to zero is most likely,
     or the last row of the stretch.
 
     `next_first` is where the next part begins, or where the stretch ends.
@@ -308,7 +308,7 @@ def _steepest_falls(signals: _Signals, start: Places, last: Places, next_first: 
 
 
 def _refined_moments(signals: _Signals, rows: Places) -> Floats:
-    """Return the moments of the steepest rises to a fraction of a row: the top of a parabola
+    """Return the moments of the steepest rises to a fraction of a row: the vertex of a parabola
     through each and its neighbours.
     """
     begin, end = signals.stretch_of(rows)

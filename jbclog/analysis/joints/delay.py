@@ -1,20 +1,20 @@
-"""How much later a station shows the temperature than the power, from what its regulator does.
+"""How much later than the power a station reports the temperature, from its regulator.
 
 A regulator acts on the temperature that it measures: when that falls, power rises, at once or soon,
-in contact and without. So power that rises before the temperature falls shows that the temperature
-comes late. This takes neither a model of the tip nor the contacts. The delay is where the rate of
-change of the power and the negative rate of change of the temperature agree best: the maximum of
-their cross-correlation (C. H. Knapp, G. C. Carter, IEEE Trans. ASSP 24, 1976) over smoothed
-readings, between rows by a parabola through three. Readings at the regulator's limits, where power
-does not follow, are left out.
+in contact and without. So power that rises before the reported temperature falls shows that the
+temperature comes late. This needs neither a model of the tip nor the contacts. The delay is where
+the rate of change of the power and the negative rate of change of the temperature agree best: the
+maximum of their cross-correlation (C. H. Knapp, G. C. Carter, IEEE Trans. ASSP 24, 1976) over
+smoothed readings, between rows by a parabola through three. Readings at the regulator's limits,
+where power does not follow, are left out.
 
-The result is the difference of two delays: a power that is late as well, or a slow regulator, hides
-as much of it, and both can make it negative, which is no delay of the temperature. A regulator that
-looks ahead (the derivative of a PID) also leads; so less than `LEAST_S` is no delay.
+The result is a difference of two delays: late power or a slow regulator hides as much of it, and
+can make it negative, which is no delay of the temperature. A regulator that looks ahead (the
+derivative of a PID) also leads, so less than `LEAST_S` is no delay.
 
-Below a correlation of `LEAST_CORRELATION` the delay is not known. Its uncertainty is the
-jackknife's over `BLOCKS` pieces of the record (B. Efron, The Jackknife, 1982): that of the place of
-the maximum, not of what hides a part of the delay.
+Below a correlation of `LEAST_CORRELATION` the delay is not known. Its uncertainty is the jackknife
+over `BLOCKS` pieces of the record (B. Efron, The Jackknife, 1982): that of the position of the
+maximum, not of what hides a part of the delay.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.thermal import Delay, smooth
 from jbclog.analysis.verdict.idle import Floats
 
-RANGE_S: Final = (-0.5, 0.9)  # of the delays that are compared
+RANGE_S: Final = (-0.5, 0.9)  # compared delays
 SMOOTH_S, SMOOTH_PERIODS = 0.12, 0.7
 LIMITS_PERMILLE: Final = (20.0, 980.0)  # the regulator follows the temperature between these
 LEAST_S: Final = 0.1
-SLOWEST_S: Final = 0.25  # from one reading to the next; slower readings do not show the delay
+SLOWEST_S: Final = 0.25  # longest period; slower readings do not show the delay
 BLOCKS: Final = 8
 LEAST_ROWS: Final = 100
 MOST_UNSURE_S: Final = 0.1
@@ -43,8 +43,8 @@ Rows = NDArray[np.int64]
 
 
 def delay_of(parts: Sequence[ReadyStretch]) -> Delay:
-    """Return the delay of a tool's temperature behind its power, in seconds and in rows, or the
-    reason why it is not known.
+    """Return the delay of a tool's temperature behind its power, in seconds and in rows, or why it
+    is not known.
     """
     period = parts[0].stretch.period_s
     if period > SLOWEST_S:
@@ -76,11 +76,11 @@ def delay_of(parts: Sequence[ReadyStretch]) -> Delay:
 
 
 def _cross_correlation(parts: Sequence[ReadyStretch], lags: Rows) -> tuple[Floats, int]:
-    """Return how well rising power agrees with the temperature falling each of `lags` rows later,
-    and the number of rows used.
+    """Return how well rising power agrees with a fall of the temperature `lags` rows later, and the
+    number of rows used.
 
-    The array has a row for each block and a column for each lag; the blocks add up to the
-    coefficients of correlation.
+    The array has a row per block and a column per lag; the blocks add up to the correlation
+    coefficients.
     """
     period = parts[0].stretch.period_s
     sigma = max(SMOOTH_S / period, SMOOTH_PERIODS)
@@ -106,7 +106,7 @@ def _cross_correlation(parts: Sequence[ReadyStretch], lags: Rows) -> tuple[Float
 
 
 def _shifted(values: Floats, rows: int) -> Floats:
-    """Return the values so many rows ahead; zero beyond the record."""
+    """Return the values shifted ahead by this many rows; zero beyond the record."""
     shifted = np.zeros(len(values))
     if abs(rows) < len(values):
         shifted[max(-rows, 0) : len(values) - max(rows, 0)] = values[

@@ -1,14 +1,12 @@
-"""Whether the number of joints is reliable: they are found again under other assumptions and must
-be the same.
+"""Whether the number of joints is reliable: it must not change under other assumptions.
 
 A wrong number leaves no trace: a draw that depends on a limit, two draws that depend on a valley,
-or a tip whose heat capacity the fit missed. What these share is that the joints change as soon as
-the assumptions do. So the joints are found again under each of
-`ASSUMPTIONS`: other limits, other smoothing, another heat capacity, another lag (stability
-selection: N. Meinshausen, P. Bühlmann, Journal of the Royal Statistical Society B 72, 2010).
-*Doubt* is the share of joints that appear or disappear, averaged over the assumptions. What a low
-limit finds in the inverted flow is noise, because no heat comes back from work, and does not count
-as appeared.
+or a tip whose heat capacity the fit missed. What these have in common is that the joints change
+with the assumptions. So the joints are found again under each of `ASSUMPTIONS`: other limits, other
+smoothing, another heat capacity, another lag (stability selection: N. Meinshausen, P. Bühlmann,
+Journal of the Royal Statistical Society B 72, 2010). *Doubt* is the share of joints that appear or
+disappear, averaged over the assumptions. What a low limit finds in the inverted flow is noise,
+because no heat comes back from work, and does not count as appeared.
 
 If doubt is above its limit, the number is not known, and the least and the most joints found are
 reported instead. The limits were chosen on simulated plants; docs/explanation/joints.md has the
@@ -35,10 +33,10 @@ from jbclog.analysis.joints.parameters import JointSettings
 from jbclog.analysis.joints.thermal import ThermalModel, noise_at, power_noise
 from jbclog.analysis.joints.tools import Tool
 
-SLOW_S: Final = 0.25  # readings further apart show fewer of the gaps between joints
+SLOW_S: Final = 0.25  # slower readings show fewer of the gaps between joints
 MOST_DOUBT, MOST_DOUBT_SLOW = 0.03, 0.02
-LONG_S: Final = 8.0  # at such a rate: a longer contact may be several with no reading between them
-SAME_SHARE: Final = 0.5  # of the shorter of two draws that overlap
+LONG_S: Final = 8.0  # at such a rate, a longer contact may be several with no reading between them
+SAME_SHARE: Final = 0.5  # overlap, as a share of the shorter of two draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +67,10 @@ ASSUMPTIONS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """The share of joints that appear or disappear, and the least and most joints found under any
+    """Share of joints that appear or disappear, and the least and most joints found under any
     assumption.
 
-    `looked_at` is the number of joints found as they are, in the windows examined.
+    `looked_at` is the number of joints without an assumption, in the windows examined.
     """
 
     share: float
@@ -102,9 +100,7 @@ def doubt_of(tools: Sequence[Tool], settings: JointSettings) -> Doubt:
 
 
 def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
-    """Return the reason why the number of joints is not known, with the range found; None if it is
-    known.
-    """
+    """Return why the number of joints is not known, with the range found; None if it is known."""
     allowed = MOST_DOUBT_SLOW if period_s > SLOW_S else MOST_DOUBT
     if period_s > SLOW_S and not joints:
         return f"None were found, but readings {period_s:g} s apart do not show short joints."
@@ -157,8 +153,8 @@ class _Variants:
         return self._flows[assumed]
 
     def _model_under(self, assumed: Assumption) -> ThermalModel:
-        """Return the model under an assumption; its noise keeps its ratio to the noise that the
-        readings explain.
+        """Return the model under an assumption, with the same ratio of its noise to that of the
+        readings.
         """
         model, period = self._model, self._parts[0].stretch.period_s
         other = replace(
@@ -175,8 +171,8 @@ def _count_long(draws: Sequence[Draw]) -> int:
 
 
 def _count_same(draws: Sequence[Draw], others: Sequence[Draw]) -> int:
-    """Return how many draws two sorted lists share: they overlap for half of the shorter one; each
-    counts once.
+    """Return how many draws two sorted lists share: they overlap for half of the shorter one, and
+    each counts once.
     """
     same, place = 0, 0
     for one in draws:

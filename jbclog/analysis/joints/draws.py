@@ -1,4 +1,4 @@
-"""Heat draws: contacts of the tip that belong groups, with the heat that went into the work.
+"""Heat draws: groups of contacts of the tip, with the heat that went into the work.
 
 *Heat* is the integral of the flow to twice the smoothing beyond the edges, so that it includes what
 the smoothing spread. *Confidence* is 1 - ½·exp(1 - m), with m the peak divided by the limit that
@@ -24,9 +24,9 @@ from jbclog.analysis.verdict.idle import Floats
 LEAST_HEAT: Final = 20.0
 SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.5, 65.0, 80.0
 FEW_READINGS: Final = 3
-CUT_CONFIDENCE: Final = 0.5  # of the draw's
-FALLEN_SHARE: Final = 0.7  # of the lower side: a flow below it between two feeds has fallen
-SLOWEST_PERIOD_S: Final = 0.25  # slower readings do not show what lies between two joints
+CUT_CONFIDENCE: Final = 0.5  # factor on the confidence of a draw that is cut
+FALLEN_SHARE: Final = 0.7  # a flow between two feeds below this share of the lower side has fallen
+SLOWEST_PERIOD_S: Final = 0.25  # longest period that shows the flow between two joints
 JOINT, NOT_KNOWN = "joint", "not known"
 ENDS = "The record, or the tool's work, ends in it."
 BEGINS = "The record, or the tool's work, begins in it."
@@ -34,14 +34,15 @@ BEGINS = "The record, or the tool's work, begins in it."
 
 class Draw(NamedTuple):
     """A heat draw: seconds on the run's grid, dwell in s, heat in ‰·s, peak in ‰, and the number of
-    contacts in it.
+    its contacts.
 
-    `cut` is what cut it off, if anything did. `fed` is whether wire was pushed in it, None if not
-    known. `loss` is that of the tip's model in ‰/K. `is_unfed`: the feeder decides and pushed no
-    wire. `late_s` is how much later than these edges the temperature shows it.
+    - `cut`: what cut it off, if anything
+    - `fed`: whether wire was pushed in it; None if not known
+    - `loss`: that of the tip's model in ‰/K
+    - `is_unfed`: the feeder decides and pushed no wire
+    - `late_s`: how much later than these edges the temperature shows it
 
-    A feed without a draw has neither heat nor peak; its edges are those of the time in which the
-    feed was.
+    A feed without a draw has neither heat nor peak; its edges are those of the feed.
     """
 
     start_s: float
@@ -59,7 +60,7 @@ class Draw(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """``joint``, or ``not known`` if it can also be a wipe, a touch without solder, or a feed
+        """``joint``, or ``not known`` if it may also be a wipe, a touch without solder, or a feed
         without a joint.
         """
         return kind_of_draw(self.dwell_s, self.heat, self.peak, self.fed, self.is_unfed)
@@ -80,16 +81,12 @@ def kind_of_draw(
 
 
 def is_joint(draw: Draw, settings: JointSettings) -> bool:
-    """Return whether the draw lasts long enough; one that was cut off may have, and one with a feed
-    is a joint.
-    """
+    """Return whether the draw counts as a joint: it is long enough, was cut off, or has a feed."""
     return draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
 
 
 def find_draws(parts: Sequence[Flow], model: ThermalModel, settings: JointSettings) -> list[Draw]:
-    """Return the draws of stretches, one stretch after the other, in order of time: their contacts,
-    merged where they are close.
-    """
+    """Return the draws of all stretches in order of time: their contacts, merged if close."""
     groups: list[list[Contact]] = []
     for contact in find_contacts(parts, model.noise, settings.expected_every_s):
         before = groups[-1][-1] if groups else None
@@ -107,7 +104,6 @@ def find_draws(parts: Sequence[Flow], model: ThermalModel, settings: JointSettin
 def _as_draws(
     parts: Sequence[Flow], model: ThermalModel, groups: Sequence[Sequence[Contact]]
 ) -> list[Draw]:
-    """Return each group of contacts as a draw."""
     if not groups:
         return []
     heats, peaks = _heats_and_peaks(parts, model, groups)
@@ -125,7 +121,7 @@ def _as_draws(
 def _heats_and_peaks(
     parts: Sequence[Flow], model: ThermalModel, groups: Sequence[Sequence[Contact]]
 ) -> tuple[Floats, Floats]:
-    """Return the heat and the highest flow of each group; the heat reaches beyond its edges, up to
+    """Return the heat and the highest flow of each group. The heat reaches beyond its edges, up to
     the next group and the ends of its stretch.
     """
     flow, period = np.concatenate([part.flow for part in parts]), parts[0].stretch.period_s
@@ -167,14 +163,14 @@ def _as_draw(
 
 
 class FlowByTime:
-    """The flow of a port, found by its seconds."""
+    """The flow of a port by time."""
 
     def __init__(self, flows: Sequence[Flow]) -> None:
         self._flows = flows
         self._starts = [float(one.stretch.seconds[0]) for one in flows]
 
     def between(self, start_s: float, end_s: float) -> tuple[Floats, Floats]:
-        """Return seconds and flow in ‰ between two moments, as far as they lie in one stretch."""
+        """Return seconds and flow in ‰ between two moments, within one stretch."""
         place = bisect_right(self._starts, start_s + 1e-6) - 1
         if place < 0:
             return np.empty(0), np.empty(0)
@@ -211,8 +207,8 @@ def lowest_between(by_time: FlowByTime, start_s: float, end_s: float, period_s: 
 def has_fallen(
     by_time: FlowByTime, before_s: float, valley_s: float, after_s: float, period_s: float
 ) -> bool:
-    """Return whether the flow falls at a moment between two others; also True where the sampling
-    rate cannot show it.
+    """Return whether the flow falls at a moment between two others; also True if the sampling rate
+    cannot show it.
     """
     _, before = by_time.between(before_s, valley_s)
     _, after = by_time.between(valley_s, after_s)
@@ -224,7 +220,7 @@ def has_fallen(
 def cut_draw(
     draw: Draw, moments: Sequence[float], by_time: FlowByTime, period_s: float
 ) -> list[Draw]:
-    """Return the parts of a draw between these moments."""
+    """Cut a draw at these moments."""
     edges = [draw.start_s, *moments, draw.end_s]
     parts = []
     for start, end in pairwise(edges):

@@ -1,8 +1,7 @@
-"""The joints of a sealed run as evidence for its verdict, from its Parquet files and without
-pandas.
+"""The joints of a sealed run as evidence for its verdict, from its Parquet files, without pandas.
 
-The recorder calls this when the run has ended, and `report` when it judges again, so both get the
-same result. It needs scipy and some time, and runs only for stations whose recipe has a limit about
+Called by the recorder at the end of a run and by `report` when it judges again, so that both get
+the same result. Needs scipy and some time; runs only for stations whose recipe has a limit on
 joints.
 """
 
@@ -55,8 +54,8 @@ Read = Callable[[str, list[str]], Iterable[pa.Table]]
 
 
 class PortFound(NamedTuple):
-    """The joints of a port; how many rows it has, their distance, and when the last one was read;
-    `series`: with a feeder; `identified`: without one.
+    """The joints of a port, its number of rows, their period, and the time of the last row.
+    `series` is set with a feeder, `identified` without one.
     """
 
     found: FoundJoints
@@ -70,8 +69,8 @@ class PortFound(NamedTuple):
 def joint_evidence(
     folder: Path, stations: Sequence[StationFacts], t0_utc: float | None
 ) -> Evidence:
-    """Return the joints of each port of these stations that has a tip; `t0_utc` is the
-    manifest's.
+    """Return the joints of each port of these stations that has a tip; `t0_utc` is that of the
+    manifest.
     """
 
     def read(table: str, columns: list[str]) -> Iterable[pa.Table]:
@@ -87,10 +86,10 @@ def joint_evidence(
 def ports_found(
     folder: Path, read: Read, stations: Sequence[StationFacts], t0_utc: float | None
 ) -> dict[Key, PortFound]:
-    """Return the joints of each port of these stations that has a tip; `read` gives the rows,
-    `folder` has the recipes.
+    """Return the joints of each port of these stations that has a tip.
 
-    Ports without a feeder are read in windows (`sweeps`), the others as a whole.
+    `read` returns the rows; `folder` has the recipes. Ports without a feeder are read in windows
+    (`sweeps`), the others as a whole.
     """
     with_tip = [facts for facts in stations if has_tip(facts)]
     clock = clock_steps(read), round((t0_utc or 0.0) * 1e6)
@@ -147,7 +146,6 @@ def _whole(
 
 
 def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
-    """Return the joints of a port as evidence."""
     found = port.found
     if not port.rows:
         return PortJoints(why=NOTHING_RECORDED)
@@ -181,7 +179,7 @@ def _counters(read: Read, station: str) -> pa.Table:
 
 
 def _possibly_unseen(seconds: float, found: FoundJoints) -> int:
-    """Return how many joints there may be where nothing was read: one in each piece, or as many as
+    """Return how many joints may be hidden where nothing was read: one in each piece, or as many as
     elsewhere in that time.
     """
     seen_s = seconds - found.unseen_s
@@ -207,11 +205,11 @@ def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> F
     """Return joints found and feeds counted between the first and the last reading of the feeder's
     counter.
 
-    The counter has its time in UTC and the joints stand on the run's grid, so the two agree to
-    `EDGE_S` and to `stepped_s`, by which the wall clock was stepped; a joint that is closer to the
-    first or last reading is not known to be inside. Where the rows end with the last reading, one
-    more may have begun that shows no heat yet. `draws` are the joints by heat alone, because joints
-    that the feeder helped to find must not be compared with the feeder.
+    The counter has its time in UTC and the joints are on the run's grid, so the two agree to
+    `EDGE_S` and to `stepped_s`, the steps of the wall clock; a joint closer to the first or last
+    reading is not known to be inside. If the rows end with the last reading, one more joint may
+    have begun that shows no heat yet. `draws` are the joints by heat alone: joints found with the
+    help of the feeder must not be compared with the feeder.
     """
     counted = feeds_counted(series)
     if counted.value is None or series.cycles is None:

@@ -1,11 +1,11 @@
-"""When the feeder pushed wire: seen at each tick in the motor's state, and counted between two
-readings of its counter.
+"""Feeds of wire: seen at each tick in the motor's state, and counted between two readings of the
+feeder's counter.
 
 A run of readings in which the motor pushes forward (R-PSx, on every tick) is a *push*; pushes less
-than `ONE_FEED_S` apart are one, and that is a *feed that was seen*. The counter (R-DCx) counts
-every feed but does not show when: between two readings it grew by their number. Growth beyond the
-feeds seen is *feeds that were only counted*, each somewhere between these two readings. No manual
-states whether a feed counts when it begins or when it ends; whichever fits the run better is used.
+than `ONE_FEED_S` apart are one *seen feed*. The counter (R-DCx) counts every feed but does not show
+when. Growth between two readings beyond the seen feeds is *feeds that were only counted*, somewhere
+between these readings. No manual states whether a feed counts at its begin or its end; the one that
+fits the run better is used.
 
 If the counter grew by less than the pushes, one feed is several pushes: the pushes closest to each
 other are merged. A counter that decreased was reset, and shows nothing about that time.
@@ -26,16 +26,16 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.verdict.idle import Flags, Floats
 
 ONE_FEED_S: Final = 0.3
-ONE_CYCLE_S: Final = 3.0  # pushes further apart than this are never one cycle of the feeder
-READ_BEFORE_S: Final = 0.3  # a count can be so much older than its time, because it is read twice
-# of the feeds: more surplus pushes are not an accident of a reading at an edge
+ONE_CYCLE_S: Final = 3.0  # pushes further apart are never one cycle of the feeder
+READ_BEFORE_S: Final = 0.3  # a count may be this much older than its time, because it is read twice
+# share of the feeds: more surplus pushes are not an accident of a reading at an edge
 MORE_THAN_COUNTED: Final = 0.1
 LEAST_READINGS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """Wire was pushed once between these two moments in seconds of the run's grid; `is_seen`: its
+    """One push of wire between two moments in seconds of the run's grid; `is_seen`: these are its
     first and last reading.
     """
 
@@ -61,9 +61,9 @@ class CountedFeeds:
 class FeedEvents:
     """Everything known about a port's feeds.
 
-    `known_s` are the intervals in which the counter was read and not reset; `counted` is its growth
-    in them, None if it was not read twice. `sees_all`: pushes last longer than two readings are
-    apart, so that none is missed.
+    - `known_s`: intervals in which the counter was read and not reset
+    - `counted`: its growth in them; None if it was not read twice
+    - `sees_all`: pushes last longer than a sampling period, so that none is missed
     """
 
     seen: list[Feed]
@@ -74,7 +74,7 @@ class FeedEvents:
 
     @property
     def number(self) -> int:
-        """The number of feeds, seen or only counted."""
+        """Number of feeds, seen or only counted."""
         return len(self.seen) + sum(one.feeds for one in self.counted_only)
 
     def is_counted(self, start_s: float, end_s: float) -> bool:
@@ -133,18 +133,20 @@ def pushes_in(series: Series) -> list[Feed]:
 
 
 def _growth(cycles: Cycles) -> tuple[Flags, Floats]:
-    """Return, from each reading to the next, whether the counter was not reset, and its growth."""
+    """Return for each interval between readings whether the counter was not reset, and its
+    growth.
+    """
     grown = np.diff(cycles.counted)
     return grown >= 0, np.where(grown >= 0, grown, 0.0)
 
 
 def _intervals(at: Floats, known: Flags) -> list[tuple[float, float]]:
-    """Return the intervals in which the counter is known, as pairs of moments."""
+    """Return the intervals in which the counter is known."""
     return [(float(at[first]), float(at[last])) for first, last in zip(*runs(known), strict=True)]
 
 
 def _excess(pushes: Sequence[Feed], cycles: Cycles, known: Flags, grown: Floats) -> Floats:
-    """Return, from each reading to the next, the growth of the counter beyond the pushes seen;
+    """Return for each interval between readings the growth of the counter beyond the pushes seen;
     negative if it grew by less.
     """
     as_begun = _excess_at(np.array([one.start_s for one in pushes]), cycles.seconds, known, grown)
@@ -153,7 +155,7 @@ def _excess(pushes: Sequence[Feed], cycles: Cycles, known: Flags, grown: Floats)
 
 
 def _excess_at(moments: Floats, at: Floats, known: Flags, grown: Floats) -> Floats:
-    """Return the same if feeds count at these moments. A feed seen on one side of a reading and
+    """Return the excess if feeds count at these moments. A feed seen on one side of a reading and
     counted on the other cancels.
     """
     seen = np.diff(np.searchsorted(moments, at, side="right"))
@@ -170,7 +172,7 @@ def _excess_at(moments: Floats, at: Floats, known: Flags, grown: Floats) -> Floa
 
 
 def _merge_nearest(pushes: Sequence[Feed], times: int) -> list[Feed]:
-    """Return the pushes with the closest neighbours merged, this many times."""
+    """Merge the closest neighbours among the pushes, this many times."""
     apart = np.array([after.start_s - before.end_s for before, after in pairwise(pushes)])
     nearest = {
         place

@@ -1,10 +1,10 @@
 """Compare heat draws with the feeder: which draws had wire, which feeds had no draw, and which
 joints follow from both.
 
-A feed that was seen (`feed_events`) belongs to the draw that it overlaps most, or that begins or
-ends within `NEAR_S` of it. Draws that one push of the motor bridges are one draw. Feeds that were
-only counted belong to draws between the two readings that have no feed yet, the largest draw first;
-the rest are placed in the longest free interval between the other feeds.
+A seen feed (`feed_events`) belongs to the draw that it overlaps most, or that begins or ends within
+`NEAR_S` of it. Draws bridged by one push of the motor are one draw. Feeds that were only counted
+belong to draws between the two readings that have no feed yet, the largest draw first; the rest are
+placed in the longest free interval between the other feeds.
 
 The feeder decides if a recipe says so and, by default, if at least half of the draws have a feed.
 Then a draw with a feed is a joint, and lasts at least as long as wire was pushed. A draw without
@@ -44,7 +44,7 @@ from jbclog.analysis.joints.feed_events import CountedFeeds, Feed, FeedEvents, f
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.track import track_of
 
-NEAR_S: Final = 0.3  # from a draw to a feed that belongs to it
+NEAR_S: Final = 0.3  # largest distance of a feed from its draw
 FEED_ALONE_CONFIDENCE: Final = 0.3
 PIECE_S: Final = 1.0
 ONE_JOINT_SHARE: Final = 0.5
@@ -54,9 +54,9 @@ LEAST_INTERVAL_S: Final = 0.2
 
 @dataclass(frozen=True, slots=True)
 class FeederEvidence:
-    """Draws with what the feeder shows about them, including feeds without a draw, and both counts.
+    """Draws with what the feeder shows about them, feeds without a draw included, and both counts.
 
-    `others` are draws that are no joints of their own. `counted` is the growth of the feeder's
+    `others` are draws that are not joints of their own. `counted` is the growth of the feeder's
     counter, None if it was not read.
     """
 
@@ -72,7 +72,7 @@ class FeederEvidence:
 def feeder_evidence(
     series: Series, draws: Sequence[Draw], flows: Sequence[Flow], wire_decides: bool | None
 ) -> FeederEvidence | None:
-    """Return the draws of a port compared with its feeds; None without a feeder.
+    """Compare the draws of a port with its feeds; None without a feeder.
 
     `flows` are the flows in which the draws were found. `wire_decides` is the recipe's choice, None
     if it has none.
@@ -110,7 +110,7 @@ def feeder_evidence(
 
 
 def _without_decision(series: Series, draws: Sequence[Draw], events: FeedEvents) -> FeederEvidence:
-    """Return the draws unchanged, each with whether wire was pushed in it."""
+    """Return the same draws, each with whether wire was pushed in it."""
     draw_feeds, alone = _feeds_of_draws(draws, events, series.period_s)
     with_feeds = [
         one._replace(fed=_fed(series, one, feeds, events, False))
@@ -140,7 +140,7 @@ def _counted_moments(counted: Sequence[CountedFeeds]) -> list[float]:
 
 
 def _joined_by_feeds(draws: Sequence[Draw], seen: Sequence[Feed], period_s: float) -> list[Draw]:
-    """Return the draws, those that one feed bridges as one."""
+    """Merge draws that one feed bridges."""
     joined = np.arange(len(draws))
     for feed in seen:
         under = [
@@ -160,8 +160,8 @@ def _joined_by_feeds(draws: Sequence[Draw], seen: Sequence[Feed], period_s: floa
 def _with_feeds(
     series: Series, draws: Sequence[Draw], events: FeedEvents
 ) -> tuple[list[Draw], list[list[Feed]]]:
-    """Return the draws and the feeds of each, each draw at least as long as its feeds; feeds
-    without a draw are among them.
+    """Return the draws, each at least as long as its feeds, and the feeds of each; a feed without a
+    draw becomes a draw.
     """
     draw_feeds, alone = _feeds_of_draws(draws, events, series.period_s)
     every = [
@@ -177,7 +177,7 @@ def _with_feeds(
 
 
 def _without_overlap(draws: Sequence[Draw]) -> list[Draw]:
-    """Return the draws, each ending no later than the next begins."""
+    """Shorten draws to end no later than the next begins."""
     following = [draw.start_s for draw in draws[1:]]
     shorter = [
         one._replace(end_s=end) if one.end_s > end else one
@@ -187,9 +187,7 @@ def _without_overlap(draws: Sequence[Draw]) -> list[Draw]:
 
 
 def _extended_to_feeds(draw: Draw, feeds: Sequence[Feed]) -> Draw:
-    """Return the draw, at least as long as wire was pushed: wire is pushed while the tip is on the
-    work.
-    """
+    """Extend a draw to its feeds: wire is pushed while the tip is on the work."""
     seen = [one for one in feeds if one.is_seen]
     start = min([draw.start_s, *(one.start_s for one in seen)])
     end = max([draw.end_s, *(one.end_s for one in seen)])
@@ -200,7 +198,7 @@ def _extended_to_feeds(draw: Draw, feeds: Sequence[Feed]) -> Draw:
 
 
 def _while_working(series: Series, feeds: Sequence[Feed]) -> list[Feed]:
-    """Return the feeds during which the tool works and whose place is known well enough."""
+    """Return the feeds during which the tool works and whose time is known well enough."""
     working = track_of(
         series, np.where(series.known, series.rows.working, np.nan).astype(np.float64)
     )
@@ -215,8 +213,8 @@ def _while_working(series: Series, feeds: Sequence[Feed]) -> list[Feed]:
 def _merge_pieces(
     draws: Sequence[Draw], draw_feeds: Sequence[list[Feed]], interval_s: float
 ) -> tuple[list[Draw], list[list[Feed]], list[Draw]]:
-    """Return the draws with their pieces merged, the feeds of each, and the draws near another's
-    feed that are no joints.
+    """Merge the pieces of draws. Returns the draws, the feeds of each, and the draws near another's
+    feed that are not joints.
     """
     owner_of, nearby = _owners(draws, draw_feeds, interval_s)
     groups: dict[int, list[int]] = {}
@@ -234,7 +232,7 @@ def _merge_pieces(
 def _owners(
     draws: Sequence[Draw], draw_feeds: Sequence[list[Feed]], interval_s: float
 ) -> tuple[dict[int, int], set[int]]:
-    """Return the draw whose piece each piece is, and the draws near another's feed that are no
+    """Return piece -> draw that it belongs to, and the draws near another's feed that are not
     joints.
 
     A feed without a draw makes one joint of the draws before and after it; a draw on one side only
@@ -266,8 +264,8 @@ def _neighbours_without_feed(
     step: int,
     interval_s: float,
 ) -> tuple[list[int], list[int]]:
-    """Return the draws without a feed on one side of a draw with one: those that are its pieces,
-    and others near its feed.
+    """Return the draws without a feed on one side of a draw with one: its pieces, and others near
+    its feed.
     """
     feed, last = draw_feeds[place][0 if step < 0 else -1], place
     pieces: list[int] = []
@@ -302,7 +300,7 @@ def _feeds_of_draws(
 
 
 def _places_near(draws: Sequence[Draw], feed: Feed | CountedFeeds) -> range:
-    """Return the places of the draws that can touch the feed."""
+    """Return the indices of the draws that can touch the feed."""
     begin = max(bisect_left(draws, feed.start_s, key=lambda draw: draw.start_s) - 2, 0)
     end = bisect_left(draws, feed.end_s, key=lambda draw: draw.start_s) + 2
     return range(begin, min(max(end, begin), len(draws)))
@@ -313,8 +311,8 @@ def _overlap(draw: Draw, feed: Feed | CountedFeeds) -> float:
 
 
 def _owner(feed: Feed, draws: Sequence[Draw], period_s: float) -> int | None:
-    """Return the place of the draw that the feed overlaps most, or of the nearest one within
-    `NEAR_S`; None if there is none.
+    """Return the index of the draw that the feed overlaps most, else of the nearest within
+    `NEAR_S`; else None.
     """
     best = max(
         ((_overlap(draws[place], feed), place) for place in _places_near(draws, feed)), default=None
@@ -355,8 +353,8 @@ def _assign_to_draws(
     counted: CountedFeeds,
     known: list[tuple[float, float]],
 ) -> int:
-    """Assign a feed to each draw in the interval that has none, the largest draw first, and return
-    the number assigned.
+    """Assign a feed to each draw in the interval that has none, the largest first; return the
+    number assigned.
     """
 
     def priority(place: int) -> tuple[bool, float]:
@@ -379,7 +377,7 @@ def _assign_to_draws(
 
 
 def _free_interval(counted: CountedFeeds, known: Sequence[tuple[float, float]]) -> Feed | None:
-    """Return the longest interval between two readings of the counter without a known feed; None if
+    """Return the longest interval without a known feed between two readings of the counter; None if
     none is long enough.
     """
     begin = bisect_left(known, (counted.start_s, counted.start_s))
@@ -396,8 +394,8 @@ def _outside_draws(draws: Sequence[Draw], feed: Feed) -> Feed | None:
 
 
 def _longest_free(place: Feed | CountedFeeds, taken: Sequence[tuple[float, float]]) -> Feed | None:
-    """Return the longest part of the interval that is not in `taken`, which is sorted; None if it
-    is too short.
+    """Return the longest part of the interval that is not in `taken` (sorted); None if too
+    short.
     """
     edges = [
         place.start_s,
@@ -411,7 +409,7 @@ def _longest_free(place: Feed | CountedFeeds, taken: Sequence[tuple[float, float
 def _fed(
     series: Series, draw: Draw, feeds: Sequence[Feed], events: FeedEvents, decides: bool
 ) -> bool | None:
-    """Return whether wire was pushed in the draw; None if that was not read or can have been
+    """Return whether wire was pushed in the draw; None if not read, or if it may have been
     missed.
     """
     if feeds:
@@ -432,7 +430,7 @@ def _cut(
     period_s: float,
     interval_s: float,
 ) -> list[Draw]:
-    """Return the draws, with those that have the feeds of several joints cut between the feeds."""
+    """Cut the draws that have the feeds of several joints, between the feeds."""
     parts: list[Draw] = []
     for draw, feeds in zip(draws, draw_feeds, strict=True):
         moments = [

@@ -1,9 +1,11 @@
-"""A figure: one number with what it is based on, or the reason why there is none.
+"""A figure: a number with its basis, or the reason why there is none.
 
-`n` is the number of readings, joints or heat-ups in it; `coverage` the share of readings due in its
-window that were obtained, in per cent; `resolution` the smallest difference that it can show, in
-its unit. A figure whose window has a gap has no value, never zero. A gap is where two consecutive
-readings are more than `GAP_PERIODS` periods apart.
+- `n`: number of readings, joints or heat-ups in it
+- `coverage`: share of the readings due in its window that were obtained, in per cent
+- `resolution`: smallest difference that it can show, in its unit
+
+A figure whose window has a gap has no value, never zero. A gap is where two consecutive readings
+are more than `GAP_PERIODS` periods apart.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The joints of a port whose record grows, by models that were identified in its first rows.
+"""The joints of a port whose record grows, by models identified in its first rows.
 
-To identify the models, and to measure the doubt about the number, takes most of the time of finding
-joints. Here both are known (`sweeps.Identified`), and only draws are found: each row is looked at
-once, those of the last window again at each count. The result does not depend on how often it was
-counted before.
+Identifying the models and measuring the doubt about the number take most of the time. Here both are
+known (`sweeps.Identified`), and only draws are found: each row is read once, those of the last
+window again at each count. The result does not depend on how often it was counted before.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ NEW_TOOL: Final = "The tool was exchanged, and its heat balance is not known yet
 
 
 class GrowingPort(PortSweeps):
-    """A port of which `identified` is known. `take` is for all rows from the first on, in order."""
+    """A port of which `identified` is known. `take` needs all rows from the first on, in order."""
 
     def __init__(self, options: JointOptions, identified: Identified) -> None:
         super().__init__(options)
@@ -36,7 +35,7 @@ class GrowingPort(PortSweeps):
         self._draw_windows = Windows(self._find_draws)
 
     def take(self, piece: Series) -> None:
-        """Take the next rows."""
+        """Add the next rows."""
         if not len(piece.seconds):
             return
         if not self.rows:
@@ -46,7 +45,7 @@ class GrowingPort(PortSweeps):
         self._draw_windows.take(piece)
 
     def so_far(self) -> tuple[list[Draw], str | None, tuple[float, int]]:
-        """Return the joints, why their number is not known, and what `series.unseen` returns."""
+        """Return the joints, why their number is not known, and the result of `series.unseen`."""
         ended = self._ended()
         joints, _ = sort_draws(ended._draws, self._settings) if self.rows else ([], None)
         known, why = self._identified, None
@@ -56,7 +55,7 @@ class GrowingPort(PortSweeps):
         return joints, why, ended._unseen.total()
 
     def _ended(self) -> GrowingPort:
-        """Return a port whose record ends here; this one can take more rows."""
+        """Return a copy of this port whose record ends here; this one can take more rows."""
         one = copy(self)
         one._stretches = [copy(known) for known in self._stretches]
         one._draws = Packed(Draw, self._draws)

@@ -1,4 +1,4 @@
-"""When a tip is ready to solder with: its heat-up is over.
+"""When a tip is ready to solder: the end of its heat-up.
 
 A tip is ready once it has come within `NEAR_K` of its setpoint and rises slower than
 `SLOW_K_PER_S`, since it began to work or since its setpoint was last raised; or once it has stopped
@@ -22,12 +22,12 @@ NEAR_K, SLOW_K_PER_S = 30.0, 5.0
 SLOW_FOR_S: Final = 0.4
 CALM_S, CALM_K = 2.0, 3.0
 SHORT_GAP_S: Final = 15.0
-TRUSTED_S: Final = 20.0  # after a window's first reading, what the window before shows decides
+TRUSTED_S: Final = 20.0  # this long after a window's first reading, the window before decides
 
 
 @dataclass(frozen=True, slots=True)
 class ReadyStretch:
-    """A stretch, and the rows of it in which the tip is ready."""
+    """A stretch, and its rows in which the tip is ready."""
 
     stretch: Stretch
     ready: Flags
@@ -93,7 +93,7 @@ def _last_known_row(
 def _ready(
     stretch: Stretch, before: ReadyStretch | None, known_row: tuple[int, bool] | None = None
 ) -> Flags:
-    """Return the rows in which the tip is ready; `known_row` overrides what comes before that
+    """Return the rows in which the tip is ready; `known_row` overrides everything before that
     row.
     """
     unknown, setpoint = np.isnan(stretch.setting), stretch.setting
@@ -113,7 +113,7 @@ def _ready(
 
 
 def _rises_slowly(stretch: Stretch) -> Flags:
-    """Return the rows at which the tip has risen little in the time before."""
+    """Return the rows before which the tip has risen little."""
     back = max(round(SLOW_FOR_S / stretch.period_s), 1)
     risen = np.full(len(stretch), np.inf)
     risen[back:] = stretch.temperature[back:] - stretch.temperature[:-back]
@@ -123,7 +123,7 @@ def _rises_slowly(stretch: Stretch) -> Flags:
 
 
 def _has_stopped_rising(stretch: Stretch) -> Flags:
-    """Return the rows in which a hot tip has not risen for a while."""
+    """Return the rows before which a hot tip has not risen for a while."""
     back = max(round(CALM_S / stretch.period_s), 1)
     stopped = np.zeros(len(stretch), dtype=np.bool_)
     temperature = stretch.temperature

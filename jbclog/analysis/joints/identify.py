@@ -1,14 +1,13 @@
-"""Identify a tip's thermal model on the run itself, or give the reason why the record does not show
-it.
+"""Identify a tip's thermal model from the run itself, or say why the record does not show it.
 
-A mixture gives first estimates (`mixture`); usual tips are tried as well. From each of these: find
+A mixture gives first estimates (`mixture`); usual tips are tried as well. For each of them: find
 the contacts, fit the four parameters to the temperatures read in the rows at least `MARGIN_S` away
-from any contact, the heat-up among them (`rest_fit`), and repeat. The best `FINALISTS` are repeated
-to `ROUNDS` in all, and the best of them is taken (`_score`): the one that explains most rows as
-rest, with hardly any heat coming back from the work, and that is not an unusual tip. No quantile of
-a line that may never rest is used. The uncertainties are those of the last fit, with the rows of
-each piece of rest taken together because neighbours are alike (the sandwich estimate of Huber and
-White with clusters).
+from any contact, the heat-up included (`rest_fit`), and repeat. The best `FINALISTS` get `ROUNDS`
+in all, and the best of them is taken (`_score`): the one that explains most rows as rest, with
+hardly any heat coming back from the work, and that is not an unusual tip. No quantile of a line
+that may never rest is used. The uncertainties are those of the last fit, with the rows of each
+piece of rest as a cluster because neighbours are correlated (sandwich estimator of Huber and White
+with clusters).
 
 The noise is what the noise of the readings explains, or what the flow below zero shows if that is
 more: heat that comes back is noise or an error of the model (a regulator that switches in bursts, a
@@ -62,26 +61,25 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 NEVER_READ: Final = "Temperature and power of a working tool were never read together."
 ROUNDS, FINALISTS = 3, 2
 MARGIN_S: Final = 0.2
-CERTAIN: Final = 2.0  # standard uncertainties of the lag: beyond, joints are moved by it
-MOST_UNSURE: Final = 0.3  # of the capacity: beyond, the record does not show it
+CERTAIN: Final = 2.0  # standard uncertainties of the lag; a greater lag moves the joints
+MOST_UNSURE: Final = 0.3  # uncertainty of the capacity, above which the record does not show it
 CAPACITY_RANGE, LOSS_RANGE = (2.0, 80.0), (0.02, 3.0)
 USUAL_CAPACITIES: Final = (5.0, 10.0, 20.0)  # ‰·s/K
-APART: Final = 0.25  # of the logarithm: starts closer together are one
-AGREE_SHARE: Final = 0.1  # of the draws
+APART: Final = 0.25  # difference of the logarithm: starts closer together are one
+AGREE_SHARE: Final = 0.1  # share of the draws
 MOST_S, WINDOW_S = 1200.0, 60.0
 LEAST_REST_S, LEAST_REST_ROWS = 3.0, 30
 BACKWARD_NOISES, MOST_BACKWARD = 5.0, 0.15
 BACKWARD_COST: Final = 10.0  # rows at rest that outweigh one in which heat comes back
-CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.12  # of logarithms; of all rows
+# spreads of the logarithms; share of all rows
+CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.12
 MEDIAN_TO_SD: Final = 1.4826
 MOST_NOISE_FACTOR: Final = 6.0  # times the noise of readings: more is not noise
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """The model of a tool, or the reason why it is not known. With both, the model is not
-    plausible.
-    """
+    """The model of a tool, or why it is not known. With both, the model is not plausible."""
 
     model: ThermalModel | None
     why: str | None = None
@@ -118,17 +116,17 @@ def identify(parts: Sequence[ReadyStretch]) -> Identification:
     if found.model is None:
         return found
     if known.any():
-        # without a heat-up, the lag is also what contacts that were not found make of it
+        # without a heat-up, contacts that were not found also change the lag
         delay = _moved_by_fit(delay, found.model, stretches[0].period_s)
     return replace(found, model=replace(found.model, delay=delay))
 
 
 def _moved_by_fit(delay: Delay, model: ThermalModel, period_s: float) -> Delay:
-    """Return the delay with joints moved earlier by what the fit shows of it as well.
+    """Return the delay, with joints moved earlier by the lag of the fit as well.
 
-    A lag below zero says that the power that belongs to a temperature was shown earlier than it, so
-    the flow is that of the earlier moment. A lag above zero says that the power is shown late; the
-    flow is then that of the temperature's moment, and nothing is moved.
+    A lag below zero means that the power was reported earlier than its temperature, so the flow is
+    that of the earlier moment. A lag above zero means that the power is reported late; the flow is
+    then that of the temperature's moment, and nothing is moved.
     """
     late_s = -model.lag_s
     if period_s > SLOWEST_S or late_s <= CERTAIN * model.uncertainties[3]:
@@ -139,17 +137,15 @@ def _moved_by_fit(delay: Delay, model: ThermalModel, period_s: float) -> Delay:
 def identify_each(
     tools: Sequence[Sequence[ReadyStretch]],
 ) -> tuple[list[ThermalModel | None], str | None]:
-    """Return the model of each tool, None where it is not known, and the first reason why one is
-    not.
-    """
+    """Return the model of each tool, None if not known, and the first reason why one is not."""
     found = [identify(parts) for parts in tools]
     why = next((one.why for one in found if one.why is not None), None)
     return [one.model if one.why is None else None for one in found], why
 
 
 def _starts(estimates: list[Floats]) -> list[Floats]:
-    """Return the estimates, and the capacities of a small, a medium and a large tip with the loss
-    of the most likely estimate.
+    """Return the estimates, and a small, a medium and a large capacity with the loss of the most
+    likely estimate.
     """
     loss = min(max(float(estimates[0][1]), LOSS_RANGE[0]), LOSS_RANGE[1])
     usual = [np.array([capacity, loss, 0.0, 0.0]) for capacity in USUAL_CAPACITIES]
@@ -167,8 +163,8 @@ def _refined_candidate(
     reading: _ReadingNoise,
     rounds: int,
 ) -> _Candidate:
-    """Find contacts and refine the parameters in turn, `rounds` times, and return the result with
-    its score.
+    """Find contacts and refine the parameters in turn, `rounds` times; return the result and its
+    score.
     """
     fit, rest, score = Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
     noise = _observed_noise(balanced, usable, start, reading)
@@ -227,8 +223,8 @@ def model_windows(parts: Sequence[ReadyStretch]) -> list[ReadyStretch]:
 
 
 def pieces_for_model(lengths: Sequence[int], period_s: float) -> list[tuple[int, slice]]:
-    """Return which rows of stretches of these `lengths` in rows the model comes from, as pairs of
-    stretch and rows.
+    """Return the rows that the model comes from, as pairs of stretch and rows; `lengths` are those
+    of the stretches in rows.
     """
     if sum(length * period_s for length in lengths) <= MOST_S:
         return [(place, slice(0, length)) for place, length in enumerate(lengths)]
@@ -292,7 +288,7 @@ def _flow(one: BalancedStretch, values: Floats, smooth_s: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A fit with its noise, the rows at rest that it comes from, and its score."""
+    """A fit with its noise, its rows at rest, and its score."""
 
     fit: Fit
     noise: Noise
@@ -306,7 +302,7 @@ def _observed_noise(
     """Return the noise that the readings explain, or that the flow below zero shows if that is
     more; contact only adds to the flow.
 
-    The flow is smoothed as little as keeps its noise below `QUIET_PERMILLE`.
+    The flow is smoothed just enough to keep its noise below `QUIET_PERMILLE`.
     """
     period = parts[0].stretch.period_s
     noise = None
@@ -362,7 +358,6 @@ def _model_without_capacity(
 def _plausible_model(
     parts: Sequence[BalancedStretch], rest: Flags, fit: Fit, noise: Noise, reading: _ReadingNoise
 ) -> Identification:
-    """Return the model with its uncertainties, if it is plausible."""
     rest_s = float(rest.sum()) * parts[0].stretch.period_s
     if rest.sum() < LEAST_REST_ROWS or rest_s < LEAST_REST_S:
         took = f"{LEAST_REST_S:g} s and {LEAST_REST_ROWS} readings"

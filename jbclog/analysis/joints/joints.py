@@ -3,13 +3,13 @@
 A *joint* is a heat draw of at least `least_dwell_s`: from the moment the tip touches something that
 takes heat until it leaves it (`contacts`, `draws`). Contacts less than `merge_gap_s` apart are one
 draw, and so is a continuous drag. Power and temperature do not show whether there was solder: a
-wipe over a sponge, or a touch without solder, that lasts as long is a draw too. A draw shorter than
+wipe over a sponge, or a touch without solder, of the same length is a draw too. A draw shorter than
 `SURE_DWELL_S`, of less than `SURE_HEAT` ‰·s, or that never reaches `SURE_PEAK` ‰ counts as a joint
-whose kind is not known. A joint found is no statement about its quality.
+of unknown kind. A joint found says nothing about its quality.
 
-A feeder is independent evidence (`feeding`). Joints are not known where the tip's thermal model is
-not (`identify`); the result then has the reason and is never "no joints". Where the joints found
-depend on the assumptions, their number is not known (`doubt`) and the joints are provisional. See
+A feeder is independent evidence (`feeding`). Joints are not known if the tip's thermal model is not
+(`identify`); the result then has the reason and is never "no joints". If the joints found depend on
+the assumptions, their number is not known (`doubt`) and the joints are provisional. See
 docs/explanation/joints.md.
 """
 
@@ -40,19 +40,19 @@ from jbclog.analysis.joints.tools import Tool, by_tool
 
 @dataclass(frozen=True, slots=True)
 class FoundJoints:
-    """The joints of a port, and what is not known of them.
+    """The joints of a port, and why some of them are not known.
 
-    `others` are draws that are no joints: too short, or without a feed where the feeder decides.
-    `models` has one model for each tool. `levels` maps each setpoint to the temperature at which
-    the tip rests, both in °C. `settings` are the ones used.
-
-    `why` is the reason why joints are not known, or only some of them. `heat_why` is the same for
-    the heat balance alone; where the feeder decides, `heat_why` may be set and `why` None.
-    `by_heat` are the draws that are joints without the feeder's help; `number_why` is the reason
-    why their number is not known, and `doubt` how much it depends on the assumptions.
-
-    `unseen_s` is how long the tool may have worked while nothing could be analysed, in `unseen`
-    pieces; joints in these are not known.
+    - `others`: draws that are not joints: too short, or without a feed where the feeder decides
+    - `models`: one for each tool
+    - `levels`: setpoint -> temperature at which the tip rests, both in °C
+    - `settings`: those used
+    - `why`: why joints, or some of them, are not known
+    - `heat_why`: the same for the heat balance alone; may be set while `why` is None, if the feeder
+      decides
+    - `by_heat`: draws that are joints without the feeder's help
+    - `number_why`: why their number is not known; `doubt`: how much it depends on the assumptions
+    - `unseen_s`: how long the tool may have worked while nothing could be analysed, in `unseen`
+      pieces; joints in these are not known
     """
 
     joints: Sequence[Joint]
@@ -76,9 +76,9 @@ class FoundJoints:
 
 
 def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoints:
-    """Return the joints of a port in order of time, each with what it did to the tip.
+    """Return the joints of a port in order of time, each with its effect on the tip.
 
-    `options` are those of the recipe; what it leaves open comes from the run.
+    `options` are those of the recipe; the run itself gives the rest.
     """
     options = options or JointOptions()
     settings = settings_for(options, series.period_s, False)
@@ -113,8 +113,8 @@ def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoi
 
 @dataclass(frozen=True, slots=True)
 class ByHeat:
-    """Results of the heat balance alone: the models of the tools or the reason why there is none,
-    the joints, and their doubt.
+    """Results of the heat balance alone: the models of the tools or why there is none, the joints,
+    and their doubt.
     """
 
     models: list[ThermalModel]
@@ -135,7 +135,7 @@ def concluded(
 ) -> FoundJoints:
     """Return the joints of a port with what is not known of them.
 
-    `unseen_time` is what `series.unseen` returns, and `period_s` the sampling period.
+    `unseen_time` is the result of `series.unseen`, and `period_s` the sampling period.
     """
     number_why = (
         None if heat.doubt is None else why_not_known(heat.doubt, len(heat.draws), period_s)

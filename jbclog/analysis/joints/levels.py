@@ -2,8 +2,8 @@
 
 A reading is *at rest* if no draw was in the `CALM_S` before it and the tip has moved no more than
 `CALM_K` in that time. The level is the median of these readings at a setpoint. With less than
-`LEAST_S` of them there is no level. The idle error (`analysis/metrics/idling.py`) measures how far
-a level lies from its setpoint.
+`LEAST_S` of them there is no level. The idle error (`analysis/metrics/idling.py`) is the distance
+of a level from its setpoint.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 CALM_S, CALM_K = 2.0, 2.0
 LEAST_S: Final = 1.0
 DECIMALS: Final = 3
-MOST_STEPS: Final = 10**6  # of a temperature: 1000 °C
+MOST_STEPS: Final = 10**6  # steps of a temperature: 1000 °C
 
 
 class Levels:
-    """Counts of the readings at rest by setpoint and temperature, in memory that does not grow with
-    the record.
+    """Counts of the readings at rest by setpoint and temperature; memory does not grow with the
+    record.
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class Levels:
             self._counts[setpoint].update(_counted(here))
 
     def levels(self, period_s: float) -> dict[float, float]:
-        """Return the level in °C for each setpoint at which the tip was at rest."""
+        """Return setpoint -> level in °C, where the tip was at rest."""
         return {
             setpoint: _median(some)
             for setpoint, some in sorted(self._counts.items())

@@ -1,13 +1,12 @@
-"""First estimates of a tip's thermal model, from a record that does not show where the tip touched
-something.
+"""First estimates of a tip's thermal model, from a record without labelled contacts.
 
 Each row is either rest, where the heat balance leaves only noise, or contact, where any amount of
-heat may leave and none comes
-back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification
-5, 1988), found by expectation maximisation from a grid of starts. Estimates that are nearly as
-likely are returned too, because the most likely one is not always the one that `identify` takes.
-The noise of rest is limited to what the noise of the temperature explains; without that limit dense
-contacts pass for noise. Rows of a heat-up, in which nothing is soldered, are known rest.
+heat may leave and none comes back: a mixture of a regression and a flat distribution (DeSarbo and
+Cron, Journal of Classification 5, 1988), found by expectation maximisation from a grid of starts.
+Estimates that are nearly as likely are returned too, because `identify` does not always take the
+most likely one. The noise of rest is limited to what the noise of the temperature explains;
+otherwise dense contacts pass for noise. Rows of a heat-up, in which nothing is soldered, are known
+rest.
 """
 
 from __future__ import annotations
@@ -27,13 +26,13 @@ LOSSES: Final = np.geomspace(0.06, 1.6, 10)  # ‰/K; 100 ‰ at 350 °C are 0.3
 USUAL: Final = np.array([0.0, 0.35, 0.0, 0.02])
 # keeps second and lag near zero; left free they explain contacts
 STIFF: Final = np.diag([1e-4, 1e4, 2e8, 2e8])
-FLAT_PERMILLE: Final = 1500.0  # the width of the flat distribution of heat that leaves
-BACKWARD_PERMILLE: Final = 40_000.0  # and of heat that comes back, which is almost impossible
-DOUBT: Final = 0.02  # that a row of a heat-up is not rest
+FLAT_PERMILLE: Final = 1500.0  # width of the flat distribution of heat that leaves
+BACKWARD_PERMILLE: Final = 40_000.0  # the same for heat that comes back, which is almost impossible
+DOUBT: Final = 0.02  # probability that a row of a heat-up is not rest
 NOISE_MARGIN: Final = 1.3  # factor on what the noise of the temperature explains
 MOST_ROWS: Final = 4000
 STARTS, FINALISTS = 8, 4
-LEAST_SIGNAL: Final = 0.1  # of the moments, whatever the noise
+LEAST_SIGNAL: Final = 0.1  # share of the moments that remains, whatever the noise
 USUAL_CAPACITY, USUAL_LOSS = 10.0, 0.35  # ‰·s/K, ‰/K
 LAG_RANGE: Final = (-0.1, 1.5)  # s
 # second ≤ capacity × (lag + this): of two masses it is lag × the heater's, a sensor adds its own
@@ -61,7 +60,7 @@ class Rows:
 
     @property
     def warming_noise(self) -> float:
-        """The variance of the noise of the warming rate, (K/s)²."""
+        """Variance of the noise of the warming rate, (K/s)²."""
         return float(self.term_noise[0, 0])
 
     def take(self, rows: NDArray[np.int64] | Flags) -> Rows:
@@ -70,19 +69,19 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class _Densities:
-    """The density of each row: as rest, times the share of rest, and altogether."""
+    """Density of each row: as rest, times the share of rest, and in all."""
 
     of_rest: Floats
     both: Floats
 
     @property
     def rest(self) -> Floats:
-        """The probability of each row to be rest."""
+        """Probability of each row to be rest."""
         return np.asarray(self.of_rest / self.both, dtype=np.float64)
 
     @property
     def likelihood(self) -> float:
-        """The mean log-likelihood of the rows."""
+        """Mean log-likelihood of the rows."""
         return float(np.log(self.both).mean())
 
 
@@ -96,8 +95,8 @@ class _State:
 
 
 def first_estimates(rows: Rows) -> list[Floats]:
-    """Return the parameters that make the rows most likely, and others that are nearly as likely;
-    the most likely first.
+    """Return the most likely parameters, and others that are nearly as likely; the most likely
+    first.
     """
     sample = _sampled(rows)
     started = [_maximise(sample, _State(start, 0.4, 0.0), 6, 1.5) for start in _starts(sample)]
@@ -136,7 +135,7 @@ def _is_apart(one: Floats, other: Floats) -> bool:
 
 
 def _densities(rows: Rows, values: Floats, share: float, wider: float) -> _Densities:
-    """Return the densities of the rows with these parameters, of which `share` is rest.
+    """Return the densities of the rows with these parameters, `share` of them rest.
 
     The density of rest has the same height for all values; otherwise a capacity of zero, which
     leaves no noise, would be the most likely.
@@ -159,7 +158,6 @@ def _densities(rows: Rows, values: Floats, share: float, wider: float) -> _Densi
 
 
 def _maximise(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
-    """Run so many rounds of expectation maximisation and return the state."""
     values, share = state.values, state.share
     open_rows = np.flatnonzero(~rows.is_rest)
     for _ in range(rounds):
@@ -172,13 +170,13 @@ def _maximise(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
 def weighted_fit(
     terms: Floats, power: Floats, weight: Floats, stiffness: Floats, noise: float
 ) -> Floats:
-    """Return the weighted least squares solution with a weak pull to usual values, corrected for
-    the noise of the warming rate.
+    """Return the weighted least squares solution, regularised towards usual values and corrected
+    for the noise of the warming rate.
 
-    Noise in a term pulls an ordinary fit towards zero, the more the less happens: at rest the
+    Noise in a term biases an ordinary fit towards zero, the more the less happens: at rest the
     capacity becomes zero. Its variance is subtracted from the moment (W. A. Fuller, Measurement
-    Error Models, 1987), but never so much that less than `LEAST_SIGNAL` remains. Second mass and
-    lag stay smaller than they are: they spare the flow an error and are not results.
+    Error Models, 1987), but at least `LEAST_SIGNAL` of it remains. Second mass and lag come out too
+    small: they absorb an error of the flow and are not results.
     """
     weighted = terms * weight[:, None]
     moments = weighted.T @ terms + stiffness
@@ -189,8 +187,8 @@ def weighted_fit(
 def bounded_solution(
     moments: Floats, right: Floats, limits: Sequence[tuple[int, Limits]]
 ) -> Floats:
-    """Return the least squares solution of the normal equations, with some parameters held within
-    their limits.
+    """Return the least squares solution of the normal equations, with some parameters kept within
+    limits.
 
     The parameters in `limits` are checked in that order; one beyond its limits is set to the nearer
     of them, and the others are solved for again.

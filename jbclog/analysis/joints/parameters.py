@@ -11,8 +11,8 @@ from typing import Final
 RECOVERED_WITHIN_C: Final = 3.0
 LEAST_DWELL_S, LEAST_DWELL_PERIODS = 0.25, 0.6
 MERGE_GAP_S, MERGE_GAP_PERIODS = 0.25, 1.0
-LEAST_TIMES: Final = 10  # from one joint to the next, for a regular time
-REGULAR_WITHIN, REGULAR_SHARE = 0.1, 0.8  # of the median; of the times
+LEAST_TIMES: Final = 10  # intervals between joints, for a regular interval
+REGULAR_WITHIN, REGULAR_SHARE = 0.1, 0.8  # share of the median; share of the intervals
 LEARNT: Final = ("least_dwell_s", "merge_gap_s", "wire_decides")
 
 
@@ -42,11 +42,11 @@ def options_of(table: Mapping[str, object]) -> JointOptions:
 
 @dataclass(frozen=True, slots=True)
 class JointSettings:
-    """The settings that joints of a run were found with. `learnt` has the keys that the recipe
+    """Settings that the joints of a run were found with. `learnt` has the keys that the recipe
     leaves open.
 
-    `every_s` is the regular time from one joint to the next, from the joints found; reports show it
-    and it does not find joints.
+    `every_s` is the regular interval between the joints found; it is for reports and does not
+    affect the search.
     """
 
     least_dwell_s: float
@@ -59,7 +59,7 @@ class JointSettings:
 
 
 def settings_for(options: JointOptions, period_s: float, wire_decides: bool) -> JointSettings:
-    """Return the options; where open, the shortest draw and gap that this period shows, and whether
+    """Return the options, completed by the shortest draw and gap that this period shows and whether
     the feeder decides.
     """
     least, gap = options.least_dwell_s, options.merge_gap_s
@@ -74,8 +74,8 @@ def settings_for(options: JointOptions, period_s: float, wire_decides: bool) -> 
 
 
 def regular_every_s(starts: Sequence[float]) -> float | None:
-    """Return the time in s from one joint's start to the next if most of the times are alike; None
-    if not, or if they are few.
+    """Return the regular interval in s between the starts of joints; None if most intervals differ,
+    or if they are few.
     """
     times = [after - before for before, after in pairwise(starts)]
     if len(times) < LEAST_TIMES:

@@ -1,6 +1,6 @@
-"""The rows of ports, read from the row groups of a run's samples for many ports at once.
+"""The rows of ports, read for many ports at once from the row groups of a run's samples.
 
-A run that fits into memory is read once and kept; otherwise each sweep reads the row groups anew
+A run that fits into memory is read once and kept; otherwise each sweep reads the row groups again
 and memory holds one window of each port. The verdict's joints, the metrics, the table of joints and
 the live count read a run this way.
 """
@@ -30,18 +30,18 @@ from jbclog.record.schema import SCHEMAS
 
 T = TypeVar("T")
 Groups = Callable[[list[str]], Iterable[pa.Table]]
-"""Reads these columns of the row groups of a run's samples in order; station and port are among
-them.
+"""Reads these columns, station and port among them, of the row groups of a run's samples, in
+order.
 """
 SomeGroups = Callable[[list[str], Callable[[int], bool]], Iterable[pa.Table]]
-"""Reads the same; may leave out row groups that are not wanted, by their number."""
-MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
+"""The same; may leave out row groups, by number, that are not wanted."""
+MOST_ROWS: Final = 1_000_000  # rows in memory at once, some 100 MB
 MOST_PORTS: Final = 48  # read together in windows, some 3 MB each
 TIMES: Final = ["time", "tick", "station", "port"]
-# columns that a sweep reads only where they say something: on a grid the tick is the time
+# columns that a sweep reads only if they matter: on a grid the tick is the time
 TIME, MOTOR = "time", "motor"
 SAME_S: Final = 1e-6
-# of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
+# decimals of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
 STEP_DECIMALS: Final = 12
 
 
@@ -58,17 +58,19 @@ def at_once(some: Sequence[T], size: Callable[[T], float], most: float) -> Itera
 
 
 class Sweeps(Protocol):
-    """What sweeps over the rows of a port several times, such as `PortSweeps`."""
+    """Sweeps several times over the rows of a port, such as `PortSweeps`."""
 
     def next_sweep(self) -> TakesRows | None:
-        """Return what takes the rows next, None if there is nothing more to do; called again when
-        the rows have ended.
+        """Return the object that takes the rows of the next sweep, or None at the end; called again
+        after each sweep.
         """
 
 
 class PortReader:
-    """The ports of stations, read together. `steps` are those of the wall clock, `t0_us` is the
-    run's zero. `some` reads some row groups of a run that does not change.
+    """The ports of stations, read together.
+
+    `steps` are those of the wall clock, `t0_us` is the zero of the run's time. `some` reads some
+    row groups of a run that does not change.
     """
 
     def __init__(
@@ -87,7 +89,7 @@ class PortReader:
         self._rows: dict[Key, int] | None = None
         self._kept: list[tuple[Key, Series]] | None = None
         self._some = some
-        # of a port alone: the moments of its first and last row in each row group
+        # only for a port alone: the times of its first and last row in each row group
         self._spans: list[tuple[float, float] | None] = []
         self._last_s: dict[Key, float] = {}
         self._periods = self._read_periods()
@@ -101,11 +103,11 @@ class PortReader:
         return Clock(self._facts[key].period_s, self._steps, self._t0_us)
 
     def period_s(self, key: Key) -> float:
-        """Return the period of the grid in s, or the median distance of two rows."""
+        """Return the period of the grid in s, or the median interval between rows."""
         return self._periods[key]
 
     def last_s(self, key: Key) -> float:
-        """Return when the last row of a port was read, in s; valid after the first sweep."""
+        """Return the time of a port's last row in s; valid after the first sweep."""
         return self._last_s.get(key, 0.0)
 
     def rows(self, key: Key) -> int:
@@ -113,13 +115,15 @@ class PortReader:
         return (self._rows or {}).get(key, 0)
 
     def like(self, key: Key) -> Series:
-        """Return a series without rows, with everything else that the port's rows will have."""
+        """Return a series without rows, with everything else that the port's rows have in
+        common.
+        """
         rows = SCHEMAS["samples"].empty_table().select(COLUMNS)
         return raw_series(self._facts[key], rows, self.clock(key), self._periods[key])
 
     def whole(self) -> dict[Key, tuple[Series, Counts]]:
-        """Return all rows of each port at once, and their UTC in microseconds, for what needs the
-        whole record.
+        """Return all rows of each port, and their UTC in microseconds, for what needs the whole
+        record.
         """
         clocks = {key: self.clock(key) for key in self._facts}
         pieces = {key: [self.like(key)] for key in self._facts}
@@ -155,8 +159,8 @@ class PortReader:
                 windows.end()
 
     def utc_us(self, moments: Mapping[Key, Floats]) -> dict[Key, Counts]:
-        """Return the UTC in microseconds of the rows at these moments or next after them; of the
-        last row if there is none.
+        """Return the UTC in microseconds of the rows at or next after these moments, else of the
+        last row.
         """
         wanted = {key: np.unique(some, return_inverse=True) for key, some in moments.items()}
         found = {key: np.zeros(len(some), dtype=np.int64) for key, (some, _) in wanted.items()}
@@ -191,7 +195,7 @@ class PortReader:
                 yield key, clocks[key].seconds(floats(rows["tick"]), times), times
 
     def _pieces(self) -> Iterator[tuple[Key, Series]]:
-        """Yield the rows of all ports; they are kept for the next sweep if there are at most
+        """Yield the rows of all ports; keep them for the next sweep if there are at most
         `most_rows`.
 
         In a run that grows, all sweeps see the rows of the first one.
@@ -226,8 +230,8 @@ class PortReader:
         self._rows, self._kept, self._spans = rows, kept, spans
 
     def _some_pieces(self, taking: Mapping[Key, TakesRows]) -> Iterator[tuple[Key, Series]] | None:
-        """Return the rows that are needed of a port alone on a grid, which was read before; None
-        where they are all to be read.
+        """Return the needed rows of a single port on a grid that was read before; None if all rows
+        must be read.
         """
         windows, *others = taking.values()
         is_alone = len(self._facts) == 1 and not others and TIME not in self._swept
@@ -255,8 +259,8 @@ class PortReader:
 
 
 class _Columns(NamedTuple):
-    """The columns of rows that are sorted by port; made for all ports at once, because each step
-    takes as long for few rows. Those that were not read are empty.
+    """Columns of rows sorted by port, made for all ports at once, because each step costs the same
+    for few rows. Columns that were not read are empty.
     """
 
     utc_us: Counts
@@ -296,8 +300,7 @@ def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: floa
     """Return rows of a port as a series; whether its tool was in its place needs the rows on both
     sides (`windows.placed`).
 
-    `period_s` is the period of a port without a grid; without it, the median distance of these
-    rows.
+    `period_s` is the period of a port without a grid; 0: the median interval of these rows.
     """
     return _series(facts, _Columns.of(rows, has_feeder=has_feeder(facts)), clock, period_s)
 
@@ -329,7 +332,7 @@ def micros(rows: pa.Table) -> Counts:
 
 
 def floats(column: pa.ChunkedArray) -> Floats:
-    """Return the column as floats, NaN where nothing was read."""
+    """Return the column as floats, NaN where not read."""
     return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
 
 

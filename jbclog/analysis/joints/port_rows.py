@@ -1,5 +1,5 @@
-"""What the columns of a port in a record mean: their names and words, their time on the run's grid,
-the kind of tool.
+"""Meaning of the columns of a port in a record: names and words, time on the run's grid, kind of
+tool.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ STATES_FAMILIES: Final = ("omega",)
 
 
 class Clock:
-    """Seconds of a port's rows, piece by piece in order: on its grid, or UTC less the clock's steps
-    if it has none.
+    """Seconds of a port's rows, piece by piece in order: on its grid, or without one UTC corrected
+    for clock steps.
     """
 
     def __init__(self, period_s: float | None, steps: Sequence[Step], t0_us: int) -> None:
@@ -51,21 +51,21 @@ class Clock:
         return self._unstepped.of(utc_us / 1e6) - self.t0_us / 1e6
 
     def of(self, utc_us: Counts) -> Floats:
-        """Return the seconds of anything that has only a time (counters, settings), to 1 s unless
-        the wall clock was stepped.
+        """Return the seconds of records that have only a UTC time (counters, settings), to 1 s
+        unless the wall clock was stepped.
         """
         return np.asarray((utc_us - self.t0_us) / 1e6, dtype=np.float64)
 
 
 def kind_of(facts: StationFacts) -> str:
-    """Return what `measure_port` calls the station's tools: ``tip``, ``air`` or ``omega``."""
+    """Return the kind of the station's tools for `measure_port`: ``tip``, ``air`` or ``omega``."""
     if has_tip(facts):
         return "tip"
     return "omega" if facts.family in STATES_FAMILIES else "air"
 
 
 def cycles_of(counted_us: Counts, counted: Floats, rows_us: Counts, seconds: Floats) -> Cycles:
-    """Return the feeder's counts, which have only a time in UTC, in seconds on the grid of their
+    """Return the feeder's counts, which have only a UTC time, in seconds on the grid of their
     port's rows.
     """
     if not len(seconds):

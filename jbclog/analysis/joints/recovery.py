@@ -1,4 +1,4 @@
-"""What a joint does to the tip: how far below its level it begins, how low it falls, and whether it
+"""Effect of a joint on the tip: how far below its level it begins, how low it falls, and whether it
 recovers before the next one.
 
 The *level* is the temperature at which the tip rests at this setpoint (`levels`), or the setpoint
@@ -8,10 +8,9 @@ the tip is back.
 
 The tip is *back* at the first moment after its lowest at which it is no more than the band
 (`recovered_within_c`) below the level, and stays so for `BACK_FOR_S`; it is back at once if it
-never left the band. *Recovery* is the time from the joint's start until then. A joint that the next
-draw of heat follows before that is *not recovered*: its recovery is longer than the time that it
-had. A joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it
-is neither.
+never left the band. *Recovery* is the time from the joint's start until then. A joint followed by
+the next draw of heat before that is *not recovered*: its recovery is longer than the time it had. A
+joint cut off by the end of the record, a gap, a stand or another setpoint is censored: neither.
 
 *Energy* is the power above what holds the tip, from the start until it is back, in ‰·s
 (trapezoids).
@@ -44,10 +43,10 @@ UNKNOWN_SETPOINT: Final = "The setpoint is not known."
 
 
 class Joint(NamedTuple):
-    """A joint: a draw of heat, and what it did to the tip, in °C and s; None if not known, with the
+    """A joint: a draw of heat, and its effect on the tip in °C and s; None if not known, for the
     reason in `why`.
 
-    `recovered` is None if the joint was cut off; `had_s` is how long the tip had until the next
+    `recovered` is None if the joint was cut off; `had_s` is the time from its start until the next
     draw or until it was cut off.
     """
 
@@ -94,8 +93,8 @@ def joints_of(
     levels: Mapping[float, float],
     within_c: float,
 ) -> list[Joint]:
-    """Return these draws as joints. `every` has all draws, also those that are no joints: any of
-    them can precede the recovery.
+    """Return these draws as joints. `every` has all draws, also those that are not joints, because
+    any of them can precede the recovery.
     """
     if not draws or not len(series.seconds):
         return [Joint(draw, why=NOT_READ) for draw in draws]
@@ -114,7 +113,7 @@ def joints_of(
 
 @dataclass(frozen=True, slots=True)
 class _Tip:
-    """The temperature of a port, with what its recovery is measured against."""
+    """The temperature of a port, with the references of its recovery."""
 
     track: Track
     levels: Mapping[float, float]
@@ -127,7 +126,7 @@ class _Timing:
     """When the temperature shows each joint: its setpoint (NaN: not known), and until when and why
     its recovery can be watched.
 
-    In `cuts`, None is the next draw. `first`, `last` and `touched` are places of its readings: the
+    In `cuts`, None is the next draw. `first`, `last` and `touched` are indices of its readings: the
     first, the one after the last, and the one after the last of its contact.
     """
 
@@ -181,7 +180,7 @@ def _timing(
 def _stops(
     series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: Floats
 ) -> tuple[Floats, list[str | None]]:
-    """Return until when each joint can be watched, and what cuts it off then."""
+    """Return until when each joint can be watched, and what then cuts it off."""
     reasons = (
         "The record ended before the tip was back.",
         f"The tip was not back {MOST_RECOVERY_S:g} s after it.",
@@ -214,8 +213,8 @@ def _next_after(moments: Floats, starts: Floats) -> Floats:
 
 
 def _setpoint_changes(series: Series, starts: Floats) -> Floats:
-    """Return since when the setpoint at each start may have changed: since it was last read before
-    the change.
+    """Return since when the setpoint at each start may have changed: its last reading before the
+    change.
     """
     read = ~np.isnan(series.rows.setting)
     at, values = series.seconds[read], series.rows.setting[read]
@@ -227,7 +226,7 @@ def _setpoint_changes(series: Series, starts: Floats) -> Floats:
 
 
 def _ends_of_work(series: Series) -> Floats:
-    """Return when the tool stopped working."""
+    """Return the times at which the tool stopped working."""
     working = series.rows.working | ~series.known
     return np.asarray(series.seconds[1:][working[:-1] & ~working[1:]], dtype=np.float64)
 
@@ -235,7 +234,7 @@ def _ends_of_work(series: Series) -> Floats:
 def _measured_joints(
     tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]
 ) -> list[Joint]:
-    """Return the joints, with what each did to the tip."""
+    """Return the joints, with the effect of each on the tip."""
     complete = np.flatnonzero(~timing.broken)
     setpoints = timing.setpoints[complete]
     levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
@@ -278,7 +277,7 @@ def _measured_joints(
 def _fall(
     track: Track, timing: _Timing, complete: Places, levels: Floats, outcomes: _Outcomes
 ) -> tuple[Floats, ...]:
-    """Return what the joints have from `Joint.setpoint_c` to `Joint.end_c`."""
+    """Return the fields of the joints from `Joint.setpoint_c` to `Joint.end_c`."""
     setpoints, first = timing.setpoints[complete], timing.first[complete]
     touched = np.maximum(timing.touched[complete], first + 1)
     begin, end = track.values[first], track.values[touched - 1]
@@ -323,8 +322,8 @@ class _Outcomes:
 
 
 def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _Outcomes:
-    """Return what follows the start of each joint, against the lower edge `floors` of its band;
-    NaN without a setpoint.
+    """Return what follows the start of each joint, against the lower edge `floors` of its band; NaN
+    without a setpoint.
     """
     track, first, last = tip.track, timing.first[complete], timing.last[complete]
     had = np.maximum(timing.stops[complete] - timing.starts[complete], 0.0)
@@ -345,7 +344,7 @@ def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _
 
 
 def _places_back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Places:
-    """Return the place at which the temperature is back after its lowest, in each piece watched; -1
+    """Return the index at which the temperature is back after its lowest, in each piece watched; -1
     where it is not.
     """
     rows, piece = watched.rows, np.repeat(np.arange(len(watched.first)), watched.lengths)

@@ -1,6 +1,6 @@
 """Fit the heat balance of a tip to the temperatures read while it touches nothing.
 
-The reading itself is explained, by the heat that came and went since a piece of rest began. Its
+The fit explains the reading itself, by the heat that came and went since a piece of rest began. Its
 noise is white, and the terms have hardly any, whereas rates of change have much (L. Ljung, System
 Identification, 1999, section 3.2: output error). In K: T = begin + (power_sum - loss × above_sum +
 lag × power - second × T') / capacity.
@@ -23,18 +23,19 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 
 HOT_C: Final = 85.0  # a colder tip shows little of its losses
 RISING_K_PER_S: Final = 5.0
-# of its highest power: a heat-up takes more while nothing is regulated yet
+# share of the highest power: a heat-up takes more before the regulator acts
 FULL_SHARE: Final = 0.95
-PIECE_S: Final = 2.0  # in longer pieces what the balance neglects adds up
+PIECE_S: Final = 2.0  # in longer pieces, what the balance neglects adds up
 LEAST_PIECE: Final = 4
 REWEIGHTED: Final = 6
 # usual values; `second` divided by the capacity
 LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06
 LAG_RANGE_S, SECOND_RANGE_S = (-0.15, 0.4), (0.0, 0.06)  # `second` divided by the capacity
-INVERSE_RANGE: Final = (1 / 60, 1 / 2)  # of 1 / capacity
-# of the usual capacity; so many rows share their errors
+INVERSE_RANGE: Final = (1 / 60, 1 / 2)  # range of 1 / capacity
+# spread of the usual capacity; number of rows that share their errors
 CAPACITY_SPREAD, ALIKE_ROWS = 0.8, 100.0
-LEAVES_NOISES: Final = 1.5  # of the slope of a piece: a steeper one is contact that was not found
+# times the noise of a piece's slope: a steeper one is contact that was not found
+LEAVES_NOISES: Final = 1.5
 KNOWN_COST: Final = 3.0  # rows at rest that outweigh one of a heat-up that the fit does not explain
 # of 1 / capacity, lag / capacity and second / capacity
 LIMITS: Final[Sequence[tuple[int, Limits]]] = (
@@ -65,7 +66,7 @@ def fit_rest(
     parts: Sequence[BalancedStretch], rest: Flags, known: Flags, values: Floats, noise_c: float
 ) -> Fit:
     """Return the parameters with which the balance, summed over each piece of rest, gives the
-    temperatures that were read.
+    temperatures read.
 
     `rest` and `known` have a value for each row of all stretches: at rest, and certainly so. The
     fit starts from `values`; `noise_c` is the noise of a reading in °C.
@@ -104,12 +105,12 @@ def fit_rest(
 
 
 def _stiffness(capacity: float, inverse: float, noise_c: float) -> Floats:
-    """Return how strongly the fit is drawn to usual values, where 1 / capacity is `inverse` now.
+    """Return how strongly the fit is regularised towards usual values at 1 / capacity = `inverse`.
 
-    The usual capacity has a normal distribution. In a record without a heat-up everything that
-    misleads the fit makes the capacity too large: contacts taken for rest, as work takes up heat
-    as a heavier tip would, and a power that switches between two readings. So it is drawn to the
-    usual one the more, the larger it is.
+    The prior of the capacity is normal. In a record without a heat-up, everything that misleads the
+    fit makes the capacity too large: contacts taken for rest, since work takes up heat as a heavier
+    tip would, and a power that switches between two readings. So the larger the capacity, the
+    stronger the regularisation.
     """
     spread = np.array(
         [
@@ -124,8 +125,8 @@ def _stiffness(capacity: float, inverse: float, noise_c: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Pieces:
-    """Pieces of rest: the number of the piece of each row, the place of the row in it, counted from
-    its middle, and of each piece the root of the squares of these places.
+    """Pieces of rest: for each row the number of its piece and its place, counted from the middle;
+    for each piece the root of the sum of squares of these places.
     """
 
     number: NDArray[np.int64]
@@ -147,7 +148,7 @@ class _Pieces:
         return np.asarray(np.bincount(self.number, values), dtype=np.float64)
 
     def centred(self, values: Floats, weight: Floats, total: Floats) -> Floats:
-        """Return the values less their weighted mean in each piece; `total` is that of the
+        """Return the values minus their weighted mean in each piece; `total` is that of the
         weights.
         """
         return np.asarray(
@@ -157,9 +158,9 @@ class _Pieces:
 
 def _weights(residuals: Floats, pieces: _Pieces, known_rest: Flags, noise_c: float) -> Floats:
     """Return the weight of each row: less beyond the noise, and less in a piece in which heat
-    leaves, which is contact not found.
+    leaves, which is a contact that was not found.
 
-    A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not
+    A piece in which heat comes back keeps its full weight: this cannot happen, so the fit must not
     need it.
     """
     slopes = pieces.total(pieces.row * residuals) / (noise_c * pieces.width)
@@ -172,7 +173,7 @@ def _weights(residuals: Floats, pieces: _Pieces, known_rest: Flags, noise_c: flo
 
 
 def _as_balance(fitted: Floats, covariance: Floats, rows_explained: float) -> Fit:
-    """Return the four parameters of the heat balance from those that explain the temperature."""
+    """Convert the parameters of the temperature to the four of the heat balance."""
     inverse, loss, late, second = fitted.tolist()
     inverse = max(inverse, 1e-3)
     turn = (

@@ -1,6 +1,6 @@
 """Reductions of many short pieces of one column at once.
 
-A piece runs from its first row to the one after its last; pieces may overlap, and only `total`
+A piece is from its first row to the one after its last; pieces may overlap, and only `total`
 accepts empty ones. A shift has thousands of joints and each numpy call costs some microseconds, so
 one call serves all pieces. Results equal those of the same call on each piece, to the last bit.
 """
@@ -62,8 +62,8 @@ class Segments:
         return np.where(inside, self.rows[np.where(inside, hit, 0)], -1) if len(self.first) else hit
 
     def total(self, values: Floats) -> Floats:
-        """Return the sum of each piece. Pieces of one length are summed together: numpy's order of
-        adding depends on the length.
+        """Return the sum of each piece. Pieces of one length are summed together, because numpy's
+        order of adding depends on the length.
         """
         found, lengths = np.zeros(len(self.first)), self.lengths
         for length in np.unique(lengths).tolist():
@@ -88,7 +88,7 @@ def runs(flags: Flags) -> tuple[Places, Places]:
 
 
 def rows_of_highest_sum(values: Floats, first: Places, last: Places, less: Floats) -> Places:
-    """Return the row of each piece up to which the sum of its values, each less `less`, is
+    """Return the row of each piece up to which the sum of its values, each minus `less`, is
     greatest.
 
     For pieces of some ten rows.

@@ -1,9 +1,9 @@
-"""One port of one run as arrays, and the stretches of it that have no gap.
+"""One port of a run as arrays, and its stretches without a gap.
 
 Seconds are on the run's grid (tick × period). With ``--rate max`` there is no grid: seconds are UTC
-less the steps of the wall clock, the period is the median distance of two rows, and a gap is longer
-than four periods and than half a second, because rows are then as far apart as the station is slow.
-A value that was not read is NaN.
+corrected for clock steps, the period is the median interval of rows, and a gap is longer than four
+periods and than half a second, because the interval then depends on the station's speed. A value
+that was not read is NaN.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from jbclog.analysis.joints.figure import GAP_PERIODS
 from jbclog.analysis.verdict.idle import Block, Flags, Floats, setting_in_force
 
-# of R-TT and R-PP: whole °C and whole ‰ (manuals 000 and 002)
+# resolution of R-TT and R-PP: whole °C and whole ‰ (manuals 000 and 002)
 RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """The feeder's counted dispensing cycles (R-DCx): when each count was read, in seconds of the
-    run's grid, and the count.
+    """The feeder's counted dispensing cycles (R-DCx): time of each reading in seconds of the run's
+    grid, and the count.
     """
 
     seconds: Floats
@@ -41,11 +41,14 @@ class Cycles:
 class Series:
     """The rows of one port in order of time.
 
-    `rows` has seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot
-    air: is on). `known` is whether the state was read. `feeding` is 1 where the feeder's motor
-    pushed wire, 0 where not, NaN where it was not read; None for a tool without a feeder. `cycles`
-    are the feeder's counts, if they were read. `rated_w` is the power at 1000 ‰, if the line file
-    declares it; `ordered_s` is when the run ordered the tool to work.
+    - `rows`: seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot
+      air: is on)
+    - `known`: whether the state was read
+    - `feeding`: 1 where the feeder's motor pushed wire, 0 where not, NaN where not read; None for a
+      tool without a feeder
+    - `cycles`: the feeder's counts, if read
+    - `rated_w`: power at 1000 ‰, if the line file declares it
+    - `ordered_s`: when the run ordered the tool to work
     """
 
     rows: Block
@@ -63,7 +66,7 @@ class Series:
 
     @property
     def gap_s(self) -> float:
-        """The time in s between two readings above which there is a gap."""
+        """Interval in s between two readings above which there is a gap."""
         return (
             GAP_PERIODS * self.period_s
             if self.on_grid
@@ -102,13 +105,11 @@ class Extent(ABC):
     @property
     @abstractmethod
     def longest_gap_s(self) -> float:
-        """The longest time in s from one reading to the next, including from the start and to the
-        end.
-        """
+        """Longest interval in s between readings, including from the start and to the end."""
 
     @property
     def due(self) -> int:
-        """The number of readings due in this time."""
+        """Number of readings due in this time."""
         return (
             max(round((self.end_s - self.start_s) / self.period_s) + 1, 1)
             if self.period_s
@@ -117,12 +118,12 @@ class Extent(ABC):
 
     @property
     def coverage(self) -> float:
-        """The share of readings due that were obtained, in per cent, at most 100."""
+        """Share of readings due that were obtained, in per cent, at most 100."""
         return round(min(100.0 * self.n / self.due, 100.0), 3) if self.due else 0.0
 
     @property
     def gap(self) -> str | None:
-        """A sentence about the gap in the record here; None if there is no gap."""
+        """A sentence about the gap in the record here; None without a gap."""
         longest = self.longest_gap_s
         if not self.n:
             return "Nothing was read in its window: it is one gap."
@@ -205,7 +206,7 @@ class Stretch:
     seconds: Floats
     temperature: Floats
     power: Floats
-    setting: Floats  # in force; NaN where it is not known
+    setting: Floats  # in force; NaN where not known
     # where its grid begins, and the number of its first row on it; None: not known
     origin: tuple[float, int] | None = None
 
@@ -217,8 +218,8 @@ class Stretch:
         return Stretch(self.period_s, *columns)
 
     def power_later(self, rows: int) -> Stretch:
-        """Return the stretch with its power so many rows later; before the first reading of the
-        power it has that one.
+        """Return the stretch with its power delayed by this many rows; rows before the first
+        reading get its value.
         """
         if not rows or not len(self):
             return self
@@ -226,17 +227,17 @@ class Stretch:
         return replace(self, power=power)
 
     def earlier(self, seconds: float) -> Stretch:
-        """Return the stretch so many seconds earlier."""
+        """Return the stretch moved this many seconds earlier."""
         return replace(self, seconds=self.seconds - seconds, origin=None) if seconds else self
 
 
 SHORTEST_S = 3.0
 BRIDGED_S = 0.5
-"""A shorter time without readings is interpolated: a gap would cut a draw across it in two."""
+"""Shorter times without readings are interpolated: a gap would cut a draw across it in two."""
 
 RISE_C, RISE_K_PER_S = 25.0, 300.0
 FALL_C, FALL_K_PER_S = 60.0, 400.0
-"""No tip moves so far so fast: another tool, or none, is in its place."""
+"""A tip cannot move so far so fast: another tool, or none, is in its place."""
 
 
 def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
@@ -276,8 +277,8 @@ def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
     """Return how long the tool may have worked while nothing could be analysed, in s, and in how
     many pieces.
 
-    These are gaps, and what is too short between two gaps. Where the state was not read the tool
-    may have worked. Pieces of up to `BRIDGED_S` do not count.
+    These are gaps, and pieces between two gaps that are too short. Where the state was not read the
+    tool may have worked. Pieces of up to `BRIDGED_S` do not count.
     """
     found = Unseen()
     found.add(series, parts, slice(0, len(series.seconds)))
@@ -348,8 +349,8 @@ def _grid_start(first_s: float, begun: Sequence[Stretch]) -> float:
 def _on_even_grid(
     rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float
 ) -> Stretch:
-    """Return these rows interpolated on an even grid through `begin_s`; the setpoint is the last
-    one before.
+    """Interpolate these rows on an even grid through `begin_s`; the setpoint is the last one
+    before.
     """
     seconds = rows.seconds[places]
     first = ceil((seconds[0] - begin_s) / period_s - 1e-6)
@@ -364,6 +365,6 @@ def _on_even_grid(
 
 
 def moments_of_grid(origin: tuple[float, int], rows: int, period_s: float) -> Floats:
-    """Return the moments of so many rows of a grid."""
+    """Return the moments of this many rows of a grid."""
     begin_s, first = origin
     return np.asarray(begin_s + np.arange(first, first + rows) * period_s, dtype=np.float64)

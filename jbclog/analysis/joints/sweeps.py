@@ -1,4 +1,4 @@
-"""The joints of a port whose rows are read piece by piece: a record of any length, in the memory of
+"""The joints of a port whose rows are read piece by piece: a record of any length in the memory of
 one window.
 
 There are three sweeps over the rows, each in windows (`windows`) whose edges do not depend on how
@@ -9,13 +9,13 @@ the rows are read:
 2. *Tips*: keep those pieces, 20 minutes of each tool at most, and identify the models on them
    (`identify`). Then *draws*: find each in the window in which it begins, and count the
    temperatures at rest.
-3. *Joints*: what each draw did to the tip, against the levels that are now known.
+3. *Joints*: effect of each draw on the tip, against the levels that are now known.
 
 The second sweep has two halves, so the rows are read four times; of a long record the first half
-needs the windows with those pieces alone. Kept in memory are a table of
-stretches, of draws and of joints, and a count of readings by temperature. A draw longer than
-`windows.MOST_WINDOWS` windows is cut off. A port with a feeder is analysed as a whole (`joints`),
-because counts and pushes far apart explain each other.
+needs the windows with those pieces alone. Memory holds a table of stretches, of draws and of
+joints, and a count of readings by temperature. A draw longer than `windows.MOST_WINDOWS` windows is
+cut off. A port with a feeder is analysed as a whole (`joints`), because counts and pushes far apart
+explain each other.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.joints.tools import UNKNOWN_CODE, Tool, code_at, merged_by_code
 from jbclog.analysis.joints.windows import WINDOW_S, Seen, SeenWindows, TakesRows, View, Windows
 
-# a draw that ends so long before the last row does not depend on later rows
+# a draw that ends this long before the last row does not depend on later rows
 SETTLED_S: Final = 30.0
 NEAR_S: Final = 10.0
 SAME_S: Final = 1e-6
@@ -50,7 +50,7 @@ SAME_S: Final = 1e-6
 
 @dataclass(slots=True)
 class KnownStretch:
-    """A stretch of the record, and the model of its tool if that is known."""
+    """A stretch of the record, and the model of its tool if known."""
 
     start_s: float
     period_s: float
@@ -64,8 +64,8 @@ class KnownStretch:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The models of a port's tools: of each stretch in order, with its begin; why one is not known,
-    and the doubt about the number.
+    """Begin and model of each stretch of a port, in order; why a model is not known, and the doubt
+    about the number.
 
     `last_tool` is the tool of the last stretch: its code, and a number for each exchange.
     """
@@ -77,8 +77,8 @@ class Identified:
     doubt: Doubt | None
 
     def stretch_like(self, start_s: float, tool: tuple[float, int]) -> int | None:
-        """Return the number of the stretch that begins then, or of the last one for one that
-        continues with its tool; None: the tool is another one.
+        """Return the number of the stretch that begins at this time, or of the last one if this one
+        continues it with its tool; None: the tool is another one.
         """
         place = bisect_right(self.starts, start_s + SAME_S) - 1
         if place >= 0 and start_s - self.starts[place] <= SAME_S:
@@ -110,8 +110,8 @@ class _ModelPiece:
 
 
 class PortSweeps:
-    """The sweeps over one port: `next_sweep` returns what takes the rows, and None once the joints
-    are `found`.
+    """The sweeps over one port: `next_sweep` returns the object that takes the rows, and None once
+    the joints are `found`.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class PortSweeps:
 
     @property
     def found(self) -> FoundJoints:
-        """The joints. Raises `ValueError` before the last sweep has ended."""
+        """The joints. Raises `ValueError` before the end of the last sweep."""
         if self._found is None:
             raise ValueError("the sweeps over the port's rows have not ended")
         return self._found
@@ -156,7 +156,9 @@ class PortSweeps:
         )
 
     def next_sweep(self) -> TakesRows | None:
-        """Return what takes the rows of the next sweep; call it again when these have ended."""
+        """Return the object that takes the rows of the next sweep; call again when these have
+        ended.
+        """
         number, self._done = self._done, self._done + 1
         if number == 0:
             return Windows(self._look_at_stretches, self._window_s, seen=self._seen)
@@ -173,7 +175,7 @@ class PortSweeps:
         return None
 
     def _look_at_stretches(self, view: View) -> None:
-        """Note the stretches that begin in this window, and the rows of those that continue."""
+        """Record the stretches that begin in this window, and the rows of those that continue."""
         if self._observe is not None:
             self._observe(view)
         series = view.series
@@ -197,8 +199,8 @@ class PortSweeps:
         self._absent += int(absent[own.stop] - absent[own.start])
 
     def _begin(self, known: KnownStretch, series: Series, row: int, absent: int) -> None:
-        """Note a new stretch; another tool, or one that was out of its port, begins a new group of
-        stretches.
+        """Record a new stretch; another tool, or one that was out of its port, begins a new
+        group.
         """
         tool = self._tool_at(series, row, absent)
         if tool != self._last_tool or not self._groups:
@@ -257,7 +259,6 @@ class PortSweeps:
                     )
 
     def _identify_tools(self) -> None:
-        """Identify the models, and measure the doubt about the number of joints."""
         pieces = [[piece.whole() for piece in kept] for kept in self._kept]
         models, self._why = identify_each(pieces)
         self._models = [model for model in models if model is not None]
@@ -278,8 +279,8 @@ class PortSweeps:
         self._doubt = doubt_of(tools, self._settings) if tools else None
 
     def _find_draws(self, view: View) -> float | None:
-        """Find the draws that begin in this window and count its readings at rest; return since
-        when it must be seen again.
+        """Find the draws that begin in this window and count its readings at rest; return the time
+        from which it must be shown again.
         """
         near = [
             part
@@ -321,7 +322,9 @@ class PortSweeps:
         self._resting_levels = self._levels.levels(self._period_s)
 
     def _measure_joints(self, view: View) -> float | None:
-        """Measure the joints that begin in this window; return since when it must be seen again."""
+        """Measure the joints that begin in this window; return the time from which it must be shown
+        again.
+        """
         own = _between(self._joint_draws, view.begin_s, view.end_s)
         again_s = _seen_again_from(view, own, MOST_RECOVERY_S + self._period_s)
         if again_s is not None:
@@ -345,8 +348,8 @@ class PortSweeps:
 
 
 def _seen_again_from(view: View, draws: Sequence[Draw], behind_s: float) -> float | None:
-    """Return since when a window must be seen again, because a draw in it may continue beyond its
-    rows; None if not.
+    """Return the time from which a window must be shown again because a draw in it may continue
+    beyond its rows; None if not.
     """
     late = [
         draw.start_s
@@ -361,12 +364,11 @@ def _or_never(moment: float | None) -> float:
 
 
 def _between(draws: Packed[Draw], begin_s: float, end_s: float) -> list[Draw]:
-    """Return the draws that begin between two moments."""
     return draws[draws.place("start_s", begin_s) : draws.place("start_s", end_s)]
 
 
 def _copy(stretch: Stretch) -> Stretch:
-    """Return the stretch with its own memory, so that the rows of the window are freed."""
+    """Copy a stretch, so that the memory of the window's rows is freed."""
     columns = (stretch.seconds, stretch.temperature, stretch.power, stretch.setting)
     seconds, temperature, power, setting = (column.copy() for column in columns)
     return Stretch(stretch.period_s, seconds, temperature, power, setting)

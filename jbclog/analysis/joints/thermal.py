@@ -1,7 +1,6 @@
 """Heat balance of a tip: the heat flow into the work, from power and temperature alone.
 
-What the heater puts in stays in the tip, goes to the air, or goes into the work, all in ‰ of full
-power:
+The heater's power stays in the tip, goes to the air, or goes into the work, all in ‰ of full power:
 
     flow = power - capacity × T' - loss × (T - air) - second × T'' + lag × power'
 
@@ -29,20 +28,20 @@ from jbclog.analysis.verdict.idle import Floats
 
 AIR_C: Final = 25.0
 SMOOTH_S: Final = 0.1  # two draws half a second apart stay apart
-COARSE_S: Final = 0.3  # the smoothing at which a small flow shows
+COARSE_S: Final = 0.3  # smoothing at which a small flow shows
 QUIET_PERMILLE: Final = 45.0  # a flow with more noise is smoothed more; a pad takes 300 ‰
 SMOOTHER: Final = (1.0, 1.4, 2.0, 3.0, 4.5)
 MOST_SMOOTH_S: Final = 0.45
 SMOOTH_PERIODS: Final = 0.7  # a narrower sampled Gaussian has no useful derivative
-STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading rounded to whole °C
+STEP_NOISE: Final = 1 / np.sqrt(12)  # standard deviation of rounding to whole °C
 MOST_NOISE_C: Final = 2.0
 EPSILON: Final = float(np.finfo(np.float64).eps)
 # steps of up to 10 ‰, and a heater that switches whole mains cycles
 POWER_NOISE_PERMILLE: Final = 6.0
 MOST_POWER_NOISE: Final = 200.0
-FAST_S: Final = 0.25  # contact changes every reading that is further from the next
-QUARTER_TO_SD: Final = 0.3186  # a quarter of normal values are within so many standard deviations
-EDGE_NOISE_S: Final = 0.2  # the time over which that noise changes
+FAST_S: Final = 0.25  # longest period; at longer ones, contact changes every reading
+QUARTER_TO_SD: Final = 0.3186  # a quarter of normal values are within this many standard deviations
+EDGE_NOISE_S: Final = 0.2  # time over which that noise changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +67,12 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """How many seconds the temperature is shown later than the power, and one standard deviation;
-    or why it is not known.
+    """Delay of the temperature behind the power in s, and one standard deviation; or why it is not
+    known.
 
     `rows` is by how many rows the power is moved so that both belong together; the model's `lag_s`
-    is the rest. `moved_s` is how much earlier than the temperature shows them joints are, by the
-    lag as well. Both are 0 unless a delay is certain.
+    is the rest. `moved_s` is how much earlier the joints are than the temperature shows them,
+    including the lag. Both are 0 unless a delay is certain.
     """
 
     seconds: float | None = None
@@ -154,17 +153,15 @@ def flow_of(stretch: Stretch, values: Floats, smooth_s: float) -> Floats:
 
 
 def smooth(values: Floats, sigma: float, order: int = 0) -> Floats:
-    """Return the values smoothed with a Gaussian of `sigma` rows, or a derivative of that per
-    row.
-    """
+    """Smooth the values with a Gaussian of `sigma` rows, or with a derivative of it per row."""
     weights = _gaussian(sigma, order)
     return _weighted(_extended(values, len(weights) // 2), weights)
 
 
 @lru_cache(maxsize=64)
 def _gaussian(sigma: float, order: int) -> Floats:
-    """Return a Gaussian of `sigma` rows, or its first or second derivative, with which rows are
-    weighted: four standard deviations to each side.
+    """Return a Gaussian of `sigma` rows, or its first or second derivative, as weights of rows:
+    four standard deviations to each side.
     """
     away, steep = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1), 1 / (sigma * sigma)
     bell = np.exp(-0.5 / (sigma * sigma) * away**2)
@@ -174,10 +171,10 @@ def _gaussian(sigma: float, order: int) -> Floats:
 
 
 def _weighted(values: Floats, weights: Floats) -> Floats:
-    """Return the sum of each row and its neighbours by their weights; rows without all neighbours
-    are left out.
+    """Return the weighted sum of each row and its neighbours; rows without all neighbours are left
+    out.
 
-    This is `scipy.ndimage.correlate1d`, to the last bit: to load that takes longer than to find the
+    Equals `scipy.ndimage.correlate1d` to the last bit: importing that takes longer than finding the
     joints of a short run.
     """
     rows, middle = len(values) - len(weights) + 1, len(weights) // 2
@@ -197,14 +194,14 @@ def _weighted(values: Floats, weights: Floats) -> Floats:
 
 
 def _extended(values: Floats, rows: int) -> Floats:
-    """Return the values with their course continued at both ends, so that a tip that warms at the
-    end of a record keeps warming.
+    """Extrapolate the values at both ends, so that a tip that warms at the end of a record keeps
+    warming.
     """
     if len(values) < 2:
         return np.pad(values, rows, mode="edge")
     if len(values) <= rows or not rows:
         return np.pad(values, rows, mode="reflect", reflect_type="odd")
-    # the same, without what `np.pad` takes to begin: a tip is identified in thousands of pieces
+    # without the overhead of `np.pad`: a tip is identified in thousands of pieces
     before, behind = values[rows:0:-1], values[-2 : -rows - 2 : -1]
     return np.concatenate([2 * values[0] - before, values, 2 * values[-1] - behind])
 
@@ -213,7 +210,7 @@ def rate(flow: Floats, period_s: float) -> Floats:
     """Return the flow's rate of change in ‰/s."""
     if len(flow) < 2:
         return np.zeros(len(flow))
-    # `np.gradient`, without what that takes to begin: a tip is identified in hundreds of pieces
+    # `np.gradient` without its overhead: a tip is identified in hundreds of pieces
     change = np.empty(len(flow))
     change[0], change[-1] = flow[1] - flow[0], flow[-1] - flow[-2]
     change[1:-1] = (flow[2:] - flow[:-2]) / 2
@@ -223,7 +220,7 @@ def rate(flow: Floats, period_s: float) -> Floats:
 def noise_levels(
     period_s: float, values: Floats, temperature_noise: float, power_noise: float
 ) -> Iterator[Noise]:
-    """Return the noise of the flow that the noise of readings causes, from little smoothing to
+    """Yield the noise of the flow that the noise of readings causes, from little smoothing to
     much.
     """
     least = smoothing_s(period_s)
@@ -276,8 +273,8 @@ def _norm(kernel: Floats) -> float:
 
 
 def term_noise(period_s: float, temperature_noise: float) -> Floats:
-    """Return the covariance that the noise of the temperature gives the four terms of the heat
-    balance.
+    """Return the covariance of the four terms of the heat balance that the noise of the temperature
+    causes.
     """
     sigma = smoothing_s(period_s) / period_s
     impulse = _impulse(sigma)
@@ -336,7 +333,7 @@ def _kernels(period_s: float, values: Floats, smooth_s: float) -> tuple[Floats, 
 
 @lru_cache(maxsize=64)  # a fit needs the same few a hundred times
 def _derivatives(period_s: float, smooth_s: float) -> tuple[Floats, ...]:
-    """Return the kernels of a smoothed value and of its first and second derivative by time."""
+    """Return the kernels of a smoothed value and of its first and second time derivative."""
     sigma = smooth_s / period_s
     impulse = _impulse(sigma)
     return tuple(smooth(impulse, sigma, order)[::-1] / period_s**order for order in range(3))

@@ -56,7 +56,7 @@ def code_at(codes: Floats | None, row: int) -> float:
 
 
 class Piece(Protocol):
-    """A stretch, as far as its assignment to a tool needs it."""
+    """A stretch, for its assignment to a tool."""
 
     @property
     def start_s(self) -> float: ...

@@ -30,16 +30,16 @@ class Track:
     gap_s: float
 
     def first(self, moments: Floats) -> Places:
-        """Return the place of the first reading at or after each moment."""
+        """Return the index of the first reading at or after each moment."""
         return np.searchsorted(self.seconds, moments - EPSILON_S)
 
     def last(self, moments: Floats) -> Places:
-        """Return the place after the last reading at or before each moment."""
+        """Return the index after the last reading at or before each moment."""
         return np.searchsorted(self.seconds, moments + EPSILON_S)
 
     def has_gap(self, starts: Floats, ends: Floats) -> Flags:
-        """Return whether no reading exists for longer than `gap_s` somewhere between each start and
-        end, or none at all.
+        """Return whether there is a gap longer than `gap_s`, or no reading, between each start and
+        end.
         """
         if not len(self.seconds):
             return np.ones(len(starts), dtype=np.bool_)

@@ -14,8 +14,8 @@ MOST_KEPT: Final = 20_000
 
 
 class Values:
-    """Values that are added piece by piece: up to `MOST_KEPT` as they are; beyond, counted after
-    rounding to `decimals`.
+    """Values added piece by piece: up to `MOST_KEPT` as they are; beyond, counted after rounding to
+    `decimals`.
     """
 
     def __init__(self, decimals: int) -> None:
@@ -43,7 +43,7 @@ class Values:
 
     @property
     def sd(self) -> float:
-        """The standard deviation, with n - 1."""
+        """The standard deviation (n - 1)."""
         values, counts = self._counted()
         if counts is None:
             return float(values.std(ddof=1))
@@ -65,8 +65,8 @@ class Values:
         return float(values[below] + values[above]) / 2
 
     def _counted(self) -> tuple[Floats, Floats | None]:
-        """Return the values in the order added; or the distinct ones, sorted, with how often each
-        occurs.
+        """Return the values in the order added; or the distinct ones, sorted, with the count of
+        each.
         """
         if not self._counts:
             return np.concatenate([np.empty(0), *self._kept]), None

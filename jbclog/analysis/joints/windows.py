@@ -1,13 +1,12 @@
-"""The rows of a port in windows, whatever the size of the pieces that they are read in.
+"""The rows of a port in windows, independent of the pieces in which they are read.
 
 A window has its own rows, `WINDOW_S` of them, and `BESIDE_S` more on both sides for filters,
 contacts and recoveries. Its edges are whole multiples of `WINDOW_S` in seconds of the run, so the
 same record gives the same windows whether it is read in row groups of a hundred rows or at once.
 Only one window is in memory.
 
-What looks at a window may ask to see its last rows again (`Look`) if something in them continues
-beyond the window: the next window then begins there. After `MOST_WINDOWS` it must do with what it
-has.
+A `Look` may ask to see the last rows of its window again if something in them continues beyond it:
+the next window then begins there. After `MOST_WINDOWS` it must do without.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ from jbclog.analysis.verdict.idle import Block, Flags, Floats
 
 WINDOW_S, BESIDE_S = 1200.0, 90.0
 MOST_WINDOWS: Final = 6
-SAME_S: Final = 1e-4  # closer moments are the same: an edge lies so far before a row, never on it
-EARLIER_S: Final = 1.2  # a draw may begin before the first row if the temperature is shown late
+SAME_S: Final = 1e-4  # closer moments are the same: an edge lies this far before a row, never on it
+EARLIER_S: Final = 1.2  # a draw may begin before the first row if the temperature is reported late
 COLUMNS: Final = ("seconds", "temperature", "power", "setting", "working")
 CODES: Final = ("tool", "port_error")
 
@@ -50,7 +49,7 @@ class View:
 
     @property
     def last_s(self) -> float:
-        """The moment until which there are rows; infinite if the record ends in the window."""
+        """Time until which there are rows; infinite if the record ends in the window."""
         return self.end_s + BESIDE_S
 
     def own(self, seconds: Floats, until_s: float = inf) -> slice:
@@ -71,8 +70,8 @@ def whole(series: Series) -> View:
 
 @dataclass(frozen=True, slots=True)
 class _PartBefore:
-    """What a window needs of a stretch in the window before: its moments, and where the tip was
-    ready.
+    """A stretch in the window before, as the next window needs it: its moments, and where the tip
+    was ready.
     """
 
     origin: tuple[float, int]
@@ -95,8 +94,8 @@ class _PartBefore:
 
 
 class _Edges(NamedTuple):
-    """A window of a sweep: from when to when it is, the moments of its first and last row, and the
-    codes of the first.
+    """Edges of a window of a sweep, the moments of its first and last row, and the codes of the
+    first.
     """
 
     begin_s: float
@@ -115,8 +114,8 @@ class _Edges(NamedTuple):
 
 
 class Seen:
-    """Every window of a sweep that sees each once, with its stretches, some bits a row: a later
-    sweep can look at some windows alone (`SeenWindows`).
+    """Every window of a sweep that sees each once, with its stretches, as some bits per row: a
+    later sweep can then read some windows alone (`SeenWindows`).
     """
 
     def __init__(self) -> None:
@@ -129,27 +128,29 @@ class Seen:
         self._parts.append([*map(_PartBefore.of, parts)])
 
     def before(self, window: int) -> list[ReadyStretch]:
-        """Return those of the window before this one; the first is 0."""
+        """Return the stretches of the window before this one; the first window is 0."""
         return [part.restored() for part in self._parts[window - 1]] if window else []
 
 
 Look = Callable[[View], float | None]
-"""Takes a window and returns since when it wants to see that window's own rows again, or None."""
+"""Takes a window and returns the time from which it wants to see that window's own rows again, or
+None.
+"""
 
 
 class TakesRows(Protocol):
-    """What takes the rows of a port piece by piece, in their order."""
+    """Takes the rows of a port piece by piece, in order."""
 
     def take(self, piece: Series) -> None: ...
 
     def end(self) -> None:
-        """Take note that there are no more rows."""
+        """End: there are no more rows."""
 
 
 class Windows:
     """Cuts the rows of a port into windows and shows them to `look`.
 
-    `seen` takes each window. Without `with_parts` a view has no stretches.
+    `seen` collects each window. Without `with_parts` a view has no stretches.
     """
 
     def __init__(
@@ -217,8 +218,7 @@ class Windows:
 
 
 class SeenWindows:
-    """Shows `look` again, as they were, those windows of an earlier sweep that are `wanted`, by
-    their begin and end.
+    """Shows `look` the windows of an earlier sweep again that are `wanted`, by their begin and end.
 
     Pieces without a row of these windows may be left out (`needs`).
     """
@@ -274,7 +274,7 @@ def _between(series: Series, first_s: float, last_s: float) -> Series:
 
 
 def _begun_with(codes: Floats | None, first: float | None) -> Floats | None:
-    """Return the codes of a window, of which the first is that last read before it."""
+    """Return the codes of a window, the first of them the one last read before it."""
     if codes is None or first is None:
         return codes
     return np.concatenate([[first], codes[1:]])
@@ -312,7 +312,7 @@ def _rows_from(series: Series, begin_s: float) -> Series:
 
 
 def _copied(series: Series) -> Series:
-    """Return a copy of the rows, so that those before them are freed."""
+    """Copy the rows, so that the memory of those before them is freed."""
     columns = [_copied_column(getattr(series.rows, name)) for name in (*COLUMNS, *CODES)]
     feeding = None if series.feeding is None else series.feeding.copy()
     return replace(series, rows=Block(*columns), known=series.known.copy(), feeding=feeding)
@@ -323,7 +323,7 @@ def _copied_column(column: Any) -> Any:
 
 
 def placed(series: Series) -> Series:
-    """Return the rows, with a tool that is out of its place not working; the codes on both sides
+    """Return the rows with a tool that is out of its place as not working; the codes on both sides
     decide where it was.
     """
     return replace(

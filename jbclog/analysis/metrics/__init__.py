@@ -1,6 +1,6 @@
-"""The metrics of one port: heat-up, idle error, drift, energy, and figures of its joints.
+"""The metrics of one port: heat-up, idle error, drift, energy, and joint statistics.
 
-Start with `definitions.py`, which defines every metric and its unit; `measures.py` computes them
-all, by `heating.py`, `idling.py`, `energy.py` (with all that is a sum over the rows, `Totals`),
+Start with `definitions.py`, which defines every metric and its unit. `measures.py` computes them,
+with `heating.py`, `idling.py`, `energy.py` (with `Totals`, all sums over the rows),
 `joint_figures.py`, and `analysis/joints/solder_wire.py`.
 """

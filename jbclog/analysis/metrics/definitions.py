@@ -17,7 +17,7 @@ from jbclog.analysis.metrics.idling import LEAST_DRIFT_S, LEAST_MEANS, MEAN_S
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """One metric: its name, its unit, what it is, and the tools that have it: ``tip``, ``air``,
+    """One metric: name, unit, definition, and the tools that have it: ``tip``, ``air``,
     ``feeder``.
     """
 
@@ -28,8 +28,8 @@ class Definition:
 
 
 METHODS: Final = 2
-"""The version of the metrics. Raise it for a metric more or less, and whenever a record gives
-another figure or reason: no cache of an older one is used then.
+"""Version of the metrics. Raise it when a metric is added or removed, and when a record gives
+another figure or reason; caches of older versions are then ignored.
 """
 
 TIP, FEEDER = ("tip",), ("feeder",)

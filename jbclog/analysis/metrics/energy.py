@@ -29,7 +29,7 @@ NO_POWER = "No power was read while the tool worked."
 
 @dataclass(slots=True)
 class Totals:
-    """Sums over all rows of a port, which are added window by window."""
+    """Sums over all rows of a port, added window by window."""
 
     period_s: float
     gap_s: float
@@ -38,11 +38,11 @@ class Totals:
     power: Column = field(init=False)
     state: Column = field(init=False)
     working: int = 0  # rows in which the tool works
-    power_n: int = 0  # readings of the power in these
+    power_n: int = 0  # power readings in these
     power_sum: float = 0.0
     power_high: int = 0
     recorded: float = 0.0
-    # the last reading of the power: its second and value
+    # last reading of the power: its second and value
     _before: Floats = field(default_factory=lambda: np.empty((2, 0)))
 
     def __post_init__(self) -> None:

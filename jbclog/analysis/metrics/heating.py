@@ -1,13 +1,13 @@
-"""Heat-up: how long it takes, how far the temperature overshoots, and when it has settled.
+"""Heat-up: duration, overshoot, and settling time.
 
 A *heat-up* begins when the tool starts to work (or the record begins with it working), or when its
 setting is raised by `LEAST_RISE_C` or more, with a tip more than `BAND_C` below its setting. If the
 record begins with a working tool, it begins when the tool was ordered to work, if that was at most
-`ORDER_S` before the first row; otherwise its beginning is not known and it is left out.
+`ORDER_S` before the first row; otherwise its begin is not known and it is left out.
 
 *Heat-up time* is from that moment until the tip first enters its setting ± `BAND_C` and stays there
 for `HOLD_S`. *Overshoot* is the highest temperature minus the setting in the `AFTER_S` after that
-entry, or until setting or state change. *Settling time* is from the same beginning until the last
+entry, or until setting or state change. *Settling time* is from the same begin until the last
 moment of that time at which the tip is further than `CALM_C` from its setting; it has no value if
 the tip still is in the last `HOLD_S`. Each is the median over the heat-ups whose window has no gap,
 without a value if all have one.
@@ -46,11 +46,11 @@ class HeatUp:
 
 
 class Heating:
-    """Heat-up time, overshoot and settling time of a port whose rows are added window by window."""
+    """Heat-up time, overshoot and settling time of a port, from rows added window by window."""
 
     def __init__(self, period_s: float, ordered_s: float | None) -> None:
         self._period_s, self._found = period_s, list[HeatUp]()
-        self._ordered_s = ordered_s  # of the record's first row; None behind it
+        self._ordered_s = ordered_s  # for the record's first row; None after it
 
     def take(self, view: View) -> None:
         """Add the heat-ups that begin in a window; each needs up to `PATIENCE_S` and `AFTER_S`,
@@ -74,7 +74,7 @@ class Heating:
 
 
 def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
-    """Yield the heat-ups of a window whose beginning is known."""
+    """Yield the heat-ups of a window whose begin is known."""
     rows = series.rows
     setting = setting_in_force(series.seconds, series.rows.setting)
     own = view.own(series.seconds)

@@ -1,14 +1,14 @@
-"""The idle tip: its error, its spread and its drift.
+"""The idle tip: its error, spread and drift.
 
-Which readings are idle is defined by the verdict (`analysis/verdict/idle.py`), in the same blocks
-of ten minutes, so these figures equal the verdict's. *Idle error* is the mean of temperature minus
+The verdict (`analysis/verdict/idle.py`) defines which readings are idle, in the same blocks of ten
+minutes, so these figures equal the verdict's. *Idle error* is the mean of temperature minus
 setting, *idle spread* its standard deviation, *range* its highest minus its lowest. *Drift* is the
 Theil-Sen slope (the median of the slopes between all pairs; H. Theil 1950, P. K. Sen 1968) of the
 means of the idle readings of each `MEAN_S`, per hour; it needs `LEAST_MEANS` of them,
 `LEAST_DRIFT_S` apart.
 
 Idle readings have no single window: they come from stretches without a gap, and each stretch has to
-settle anew. `coverage` is the share of the run's rows whose temperature was read. A spread below
+settle again. `coverage` is the share of the run's rows whose temperature was read. A spread below
 the resolution divided by √12 is that of the resolution, not of the tip; it has no value, because
 the true one may be anything up to it.
 """
@@ -42,11 +42,11 @@ DECIMALS: Final = 3
 
 
 class Idling:
-    """Idle error, spread, range and drift of a port whose rows are added window by window."""
+    """Idle error, spread, range and drift of a port, from rows added window by window."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
-        self._rows: list[Series] = []  # those of a block that is not complete
+        self._rows: list[Series] = []  # those of an incomplete block
         self._errors = Values(DECIMALS)
         self._cells: list[_Cells] = []
 
@@ -118,15 +118,17 @@ def _drift(cells: Sequence[_Cells], coverage: float) -> Figure:
 
 
 def _theil_sen(x: Floats, y: Floats) -> float:
-    """Return the median slope of all pairs, by numpy: scipy.stats loads for most of a second."""
+    """Return the median slope of all pairs. With numpy: importing scipy.stats takes most of a
+    second.
+    """
     one, other = np.triu_indices(len(x), 1)
     return float(np.median((y[other] - y[one]) / (x[other] - x[one])))
 
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Of each `MEAN_S` that has idle readings: its number, the sums of their seconds and errors,
-    and their number.
+    """The idle readings of each `MEAN_S` that has any: its number, the sums of their seconds and
+    errors, and their count.
     """
 
     number: Floats

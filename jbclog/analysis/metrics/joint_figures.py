@@ -1,10 +1,10 @@
 """Statistics of a port's joints: number, depth, deficit, dwell, heat, energy and recovery.
 
-Recovery is censored: of a joint that the next one follows, or that is cut off, only a lower bound
-is known. Median and 95 % quantile are those of the product-limit estimate (E. L. Kaplan and P.
-Meier, Journal of the American Statistical Association 53, 1958); if the estimate does not reach
-that share, the quantile is not known. `n` is the number of joints with a value, `coverage` their
-share of all joints.
+Recovery is censored: for a joint followed by the next one, or cut off, only a lower bound is known.
+Median and 95 % quantile are those of the product-limit estimate (E. L. Kaplan and P. Meier, Journal
+of the American Statistical Association 53, 1958); if the estimate does not reach that share, the
+quantile is not known. `n` is the number of joints with a value, `coverage` their share of all
+joints.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _median_figure(
 
 
 def _resting_below(found: FoundJoints) -> Figure:
-    """Return the figure; a tip that was never at rest is the reason before any other."""
+    """Return the figure; if the tip was never at rest, that is the reason given."""
     figure = _median_figure(
         "joint_resting_below_c",
         "°C",
@@ -175,8 +175,8 @@ def _recovered(found: FoundJoints) -> Figure:
 
 
 def _model_figures(found: FoundJoints) -> list[Figure]:
-    """Return the tip's capacity, loss and delay if there was one tool; the resolution is twice the
-    standard error.
+    """Return the tip's capacity, loss and delay if there was a single tool; the resolution is twice
+    the standard error.
     """
     names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
     model = found.model

@@ -1,5 +1,5 @@
-"""All metrics of one port, in the order of their definitions, each with its value or the reason why
-it has none.
+"""All metrics of one port in the order of their definitions, each with a value or the reason why it
+has none.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ NOT_OF: Final = {
     "air": "Hot air: what it heats shows neither in its own temperature nor in its power.",
     "tip": "The tool has no feeder.",
 }
-"""Kind of tool -> why it lacks the metrics that are not its own."""
+"""Kind of tool -> why it does not have the metrics of other tools."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The metrics of a port, and the joints that some of them come from."""
+    """The metrics of a port, and the joints behind some of them."""
 
     figures: list[Figure]
     found: FoundJoints | None = None
@@ -43,11 +43,11 @@ class Measured:
 
 
 class PortFigures:
-    """The figures of a port that come from its rows, which are added window by window."""
+    """Figures of a port from its rows, added window by window."""
 
     def __init__(self, like: Series) -> None:
-        """`like` has the port's period, its rated power and when it was ordered to work; its rows
-        are not used.
+        """`like` has the port's period, rated power and the time at which it was ordered to work;
+        its rows are not used.
         """
         self.like = like
         self._totals, self._heating, self._idling = (
@@ -57,7 +57,7 @@ class PortFigures:
         )
 
     def take(self, view: View) -> None:
-        """Add the next window; each row is in one of them."""
+        """Add the next window; each row is in exactly one."""
         own = view.own_rows
         self._totals.take(own)
         self._heating.take(view)
@@ -80,7 +80,7 @@ def measure_port(
     series: Series, kind: str, wire: Wire | None = None, options: JointOptions | None = None
 ) -> Measured:
     """Return every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; `options`
-    are those for its joints.
+    are those for joints.
     """
     if kind == "omega":
         return nothing_measured()
@@ -93,12 +93,12 @@ def measure_port(
 
 
 def nothing_measured() -> Measured:
-    """Return the metrics of a tool that reports neither temperature nor power: none has a value."""
+    """Return the metrics of a tool that reports neither temperature nor power; none has a value."""
     return Measured([no_figure(one.name, one.unit, NOT_OF["omega"]) for one in DEFINITIONS])
 
 
 class PortMeasuring:
-    """The sweeps over a port without a feeder, as `PortSweeps`; then its metrics are `measured`."""
+    """The sweeps over a port without a feeder, as `PortSweeps`; its metrics are then `measured`."""
 
     def __init__(self, kind: str, like: Series, options: JointOptions) -> None:
         self._kind, self._figures = kind, PortFigures(like)

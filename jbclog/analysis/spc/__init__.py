@@ -1,7 +1,6 @@
-"""Control charts, capability and gauge studies of features, never of raw samples: arrays in,
-results out.
+"""Control charts, capability and gauge studies. Takes features, never raw samples.
 
-Start with `study.py`, then `refusal.py` (when an index is refused), `charts.py` and
+Start with `study.py`, then `refusal.py` (when a result is refused), `charts.py` and
 `capability.py`.
 
 Sources: NIST/SEMATECH e-Handbook of Statistical Methods, chapter 6; D. C. Montgomery, Introduction

@@ -1,15 +1,14 @@
-"""Capability indices with their confidence.
+"""Capability indices with confidence bounds.
 
-For normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all
-values. Cp and Pp have the confidence of a variance (chi-squared), Cpk and Ppk Bissell's
+For normal values, Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all
+values. Bounds of Cp and Pp are those of a variance (chi-squared), of Cpk and Ppk Bissell's
 approximation (1990).
 
-For other distributions the indices are shares of the distance from the median to the percentiles
-0.135 and 99.865 (ISO 22514-2), which is three sigma for normal values; Cp and Cpk then equal Pp and
-Ppk, because the process is stable. Their bounds come from a parametric bootstrap: samples drawn
-from the distribution and fitted again, about the logarithm of the index (basic; additive if the
-index is not above zero). If no distribution fits, the percentiles are those of the values
-themselves, and the bound is that of the share beyond the limits (Clopper-Pearson).
+For other distributions, the indices are shares of the distance from the median to the percentiles
+0.135 and 99.865 (ISO 22514-2), which is three sigma for normal values. Cp and Cpk then equal Pp and
+Ppk, because the process is stable. Bounds come from a parametric bootstrap of the logarithm of the
+index (basic; of the index itself if it is not above zero). If no distribution fits, the percentiles
+are those of the values, and the bound is that of the share beyond the limits (Clopper-Pearson).
 """
 
 from __future__ import annotations
@@ -24,20 +23,20 @@ from jbclog.analysis.spc import special
 from jbclog.analysis.spc.charts import sigma_of_moving_ranges
 from jbclog.analysis.spc.distribution import REACH, Fit, Floats, widest_fit
 
-SAMPLES: Final = 500  # of the bootstrap
-# values a sample; for more values the spread is scaled by the root of their numbers
+SAMPLES: Final = 500  # bootstrap samples
+# values per sample; for more values the spread is scaled by the square root of the ratio
 MOST_DRAWN: Final = 400
 SEED: Final = 1
 CONFIDENCE = 0.95
 MOVING_RANGE_SHARE = 0.62
-"""Degrees of freedom of a mean moving range of two, as a share of a standard deviation's (Wheeler,
-Advanced Topics in SPC).
+"""Degrees of freedom of a mean moving range of two, as a share of those of a standard deviation
+(Wheeler, Advanced Topics in SPC).
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """An index, its one-sided 95 % lower bound (`bound`, which verdicts use) and its two-sided 95 %
+    """An index, its one-sided 95 % lower bound (`bound`, used by verdicts) and its two-sided 95 %
     interval.
     """
 
@@ -49,10 +48,10 @@ class Index:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """How the values lie within their limits. `cp` and `pp` are None if only one limit is given.
+    """Capability of a feature; `cp` and `pp` are None with a single limit.
 
-    `distribution` is the one that fits ("percentiles": none), `chance` the probability of values as
-    far from it; `percentiles` are 0.135, 50 and 99.865.
+    `distribution` is the fitted one ("percentiles": none fits), `chance` the p-value of the fit;
+    `percentiles` are 0.135, 50 and 99.865.
     """
 
     n: int
@@ -71,7 +70,7 @@ class Capability:
 
 
 def indices(points: Floats, lower: float | None, upper: float | None) -> Capability:
-    """Return the indices of normal individual values, without any check whether they apply."""
+    """Return the indices of normal individual values, without checking that they apply."""
     mean, n = float(points.mean()), len(points)
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
     freedoms = MOVING_RANGE_SHARE * (n - 1), float(n - 1)
@@ -111,7 +110,7 @@ def _actual(
 
 
 def actual_index(value: float, n: int, freedom: float) -> Index:
-    """Return a Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section
+    """Return a Cpk or Ppk of `n` values with its bounds (Bissell 1990; Montgomery, section
     8.3.4).
     """
     error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
@@ -143,8 +142,8 @@ def indices_of_fit(
 
 
 def _alternatives(points: Floats, fit: Fit) -> tuple[Fit, ...]:
-    """Return the family of three parameters beside one of two: which of two fits is often chance,
-    and with it the tail.
+    """Return the three-parameter family next to one of two: which of them fits better is often
+    chance, and it decides the tail.
     """
     wider = widest_fit(points) if fit.family.free == 2 and not fit.outliers else None
     return () if wider is None else (wider,)
@@ -153,7 +152,7 @@ def _alternatives(points: Floats, fit: Fit) -> tuple[Fit, ...]:
 def _index_of_fit(
     fit: Fit, n: int, lower: float | None, upper: float | None
 ) -> tuple[Index | None, Index]:
-    """Return Pp (with both limits) and Ppk by a fit's percentiles, with bounds by bootstrap."""
+    """Return Pp (with both limits) and Ppk from the percentiles of a fit, with bootstrap bounds."""
     low, middle, high = (np.array([fit.at(score)]) for score in (-REACH, 0.0, REACH))
     both, nearer = quantile_indices(low, middle, high, lower, upper)
     drawn_both, drawn_nearer, scale = drawn_indices(fit, n, lower, upper)
@@ -168,7 +167,7 @@ def _bounded(value: float, drawn: Floats, scale: float) -> Index:
 
 
 def _widest(found: list[Index]) -> Index:
-    """Return the first index with the widest bounds of all."""
+    """Return the first index, with the widest bounds of all."""
     bound, low = min(one.bound for one in found), min(one.low for one in found)
     return Index(found[0].value, bound, low, max(one.high for one in found))
 
@@ -176,8 +175,8 @@ def _widest(found: list[Index]) -> Index:
 def quantile_indices(
     low: Floats, middle: Floats, high: Floats, lower: float | None, upper: float | None
 ) -> tuple[Floats, Floats]:
-    """Return Pp and Ppk by percentiles 0.135, 50 and 99.865 (ISO 22514-2); Pp is NaN if a limit is
-    missing.
+    """Return Pp and Ppk from the percentiles 0.135, 50 and 99.865 (ISO 22514-2); Pp is NaN if a
+    limit is missing.
     """
     distances = [] if upper is None else [(upper - middle) / (high - middle)]
     distances += [] if lower is None else [(middle - lower) / (middle - low)]
@@ -192,8 +191,8 @@ def quantile_indices(
 def drawn_indices(
     fit: Fit, n: int, lower: float | None, upper: float | None
 ) -> tuple[Floats, Floats, float]:
-    """Return Pp and Ppk of samples drawn from the fit, the same ones each time, and the factor that
-    scales their spread.
+    """Return Pp and Ppk of samples drawn from the fit with a fixed seed, and the factor that scales
+    their spread.
     """
     size = min(n, MOST_DRAWN)
     generator = np.random.default_rng(SEED)
@@ -216,7 +215,9 @@ def drawn_indices(
 def basic_bounds(
     value: float, drawn: Floats, scale: float, shares: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return bounds of `value` at these shares (0.95: a lower bound that holds in 95 %)."""
+    """Return the bootstrap bounds of `value` at these shares (0.95: a lower bound that holds in 95
+    %).
+    """
     drawn = np.nan_to_num(drawn, nan=0.0)  # an infinite spread makes the index zero
     quantiles = np.quantile(drawn, shares)
     if value > 0 and (quantiles > 0).all():
@@ -225,7 +226,7 @@ def basic_bounds(
 
 
 def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
-    """Return the indices of many values that no distribution fits, by their own percentiles."""
+    """Return the indices of many values that no distribution fits, from their own percentiles."""
     low, middle, high = (
         float(one)
         for one in np.quantile(points, special.ndtr([-REACH, 0.0, REACH]), method="median_unbiased")
@@ -254,8 +255,8 @@ def indices_of_percentiles(points: Floats, lower: float | None, upper: float | N
 
 
 def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
-    """Return the index whose share beyond a limit is the greatest (`chance` None: the least) that
-    `beyond` of `n` allow.
+    """Return the index for the greatest share beyond a limit that `beyond` of `n` allow (`chance`
+    None: for the least).
     """
     if chance is None:
         least = (

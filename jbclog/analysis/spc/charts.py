@@ -1,6 +1,4 @@
-"""Control charts: points, centre line, limits and signals. Each function returns charts of the
-values that it is given.
-"""
+"""Control charts: points, centre line, limits and signals."""
 
 from __future__ import annotations
 
@@ -17,17 +15,17 @@ from jbclog.analysis.spc import special
 from jbclog.analysis.spc.distribution import Fit, Floats
 from jbclog.analysis.spc.nelson import BEYOND_3, DEFAULT_TESTS, Signal, signals
 
-GRID = 1000  # values that stand for a distribution
-# of the integrals below; beyond, a normal tail is less than a float's precision
+GRID = 1000  # quantiles that represent a distribution
+# range of the integrals below; beyond it a normal tail is below the precision of a float
 FURTHEST_SIGMA, STEPS = 8.5, 1701
 ROWS_AT_ONCE: Final = 64
 LIMIT_ONLY = (1,)
-"""Tests of a chart whose neighbouring points are not independent: ranges that share a value,
+"""Tests for charts whose neighbouring points are not independent: ranges that share a value,
 weighted means.
 """
 RUN_LENGTHS: Final = {"EWMA": 550.0, "CUSUM up": 465.0}
-"""Stable points to the first signal, on average, with known limits and the default weight, width,
-slack and decision.
+"""Average run length of a stable process, in points, with known limits and the default weight,
+width, slack and decision.
 
 CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgomery, table 9.3.
 """
@@ -35,11 +33,11 @@ CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgome
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """One chart; `lower` and `upper` have a limit for each point.
+    """A control chart; `lower` and `upper` have a limit for each point.
 
-    `sigma` is that of a plotted point, of the last one on an EWMA chart. `distribution` is that of
-    the values. If it is not normal, the limits are its percentiles 0.135 and 99.865, the centre is
-    its median, and the tests use the values' normal scores. `tests` are the tests applied.
+    `sigma` is that of a plotted point, on an EWMA chart of the last one. `distribution` is that of
+    the values: if it is not normal, the limits are its percentiles 0.135 and 99.865, the centre is
+    its median, and the tests use the values' normal scores. `tests` are the applied tests.
     """
 
     name: str
@@ -61,12 +59,11 @@ def individuals(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> Chart:
-    """Chart individual values: sigma from the mean moving range of two (NIST 6.3.2.2), or the
+    """Return the individuals chart: sigma from the mean moving range of two (NIST 6.3.2.2), or the
     limits of another distribution.
 
-    `centre` and `sigma` come from the values unless they are given. With a `fit` that is not
-    normal, neither is used. Raises `ValueError` for fewer than two values, and for one that is not
-    finite.
+    `centre` and `sigma` default to those of the values, and are ignored if `fit` is not normal.
+    Raises `ValueError` for fewer than two values, or one that is not finite.
     """
     points = _floats(values)
     if fit is not None and fit.name != "normal":
@@ -80,10 +77,10 @@ def individuals(
 
 
 def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
-    """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit
-    is that of its differences.
+    """Return the chart of moving ranges of two. They overlap, so the limit is the only test.
 
-    Raises `ValueError` for fewer than two values, and for one that is not finite.
+    With `fit`, the limit is that of differences of the fitted distribution. Raises `ValueError` for
+    fewer than two values, or one that is not finite.
     """
     spans = np.abs(np.diff(_floats(values)))
     if fit is None or fit.name == "normal":
@@ -103,11 +100,11 @@ def fixed(
     upper: float,
     tests: tuple[int, ...] = DEFAULT_TESTS,
 ) -> Chart:
-    """Chart individual values against limits known beforehand, from a phase I study.
+    """Chart individual values against limits of a phase I study.
 
-    If the limits are not symmetric, distances are thirds of the distance to the limit on their
-    side. Raises `ValueError` for values that are not known, and for a centre that is not between
-    the limits.
+    If the limits are not symmetric, the tests measure distances in thirds of the distance to the
+    limit on their side. Raises `ValueError` for NaN, and for a centre that is not between the
+    limits.
     """
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1 or not np.isfinite(points).all():
@@ -121,10 +118,10 @@ def fixed(
 
 
 def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Chart means of subgroups (a row each), sigma from the mean range within them (NIST
-    6.3.2.1).
+    """Return the chart of means of subgroups (a row each), with sigma from the mean range within
+    them (NIST 6.3.2.1).
 
-    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
+    Raises `ValueError` for rows of fewer than two values, or one that is not finite.
     """
     rows = _rows(subgroups)
     sigma = sigma_of_ranges(rows) / sqrt(rows.shape[1])
@@ -132,19 +129,19 @@ def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart
 
 
 def ranges(subgroups: ArrayLike) -> Chart:
-    """Chart ranges within subgroups (a row each).
+    """Return the chart of ranges within subgroups (a row each).
 
-    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
+    Raises `ValueError` for rows of fewer than two values, or one that is not finite.
     """
     rows = _rows(subgroups)
     return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1])
 
 
 def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Chart means of subgroups (a row each), sigma from the mean standard deviation within them
-    (X-bar of X-bar and S).
+    """Return the chart of means of subgroups (a row each), with sigma from the mean standard
+    deviation within them (X-bar of X-bar and S).
 
-    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
+    Raises `ValueError` for rows of fewer than two values, or one that is not finite.
     """
     rows = _rows(subgroups)
     size = rows.shape[1]
@@ -153,10 +150,10 @@ def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) ->
 
 
 def sds(subgroups: ArrayLike) -> Chart:
-    """Chart standard deviations within subgroups (a row each): S of X-bar and S (Montgomery,
-    section 6.3).
+    """Return the chart of standard deviations within subgroups (a row each): S of X-bar and S
+    (Montgomery, section 6.3).
 
-    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
+    Raises `ValueError` for rows of fewer than two values, or one that is not finite.
     """
     rows = _rows(subgroups)
     points, known = rows.std(axis=1, ddof=1), c4(rows.shape[1])
@@ -173,11 +170,11 @@ def ewma(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> Chart:
-    """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by
-    its own variance.
+    """Return the chart of exponentially weighted moving averages (NIST 6.3.2.4), with limits for
+    each point from its own variance.
 
-    `centre` and `sigma` (of a single value) come from the values unless they are given. Raises
-    `ValueError` for a weight that is not above 0 and at most 1, and as `individuals`.
+    `centre` and `sigma` (of a single value) default to those of the values. Raises `ValueError` for
+    a weight outside 0 < `weight` ≤ 1, and as `individuals`.
     """
     points = _floats(values)
     if not 0 < weight <= 1:
@@ -208,8 +205,8 @@ def cusum(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> tuple[Chart, Chart]:
-    """Chart cumulative sums above and below the centre, in sigma (NIST 6.3.2.3; Montgomery, section
-    9.1).
+    """Return the charts of cumulative sums above and below the centre, in sigma (NIST 6.3.2.3;
+    Montgomery, section 9.1).
 
     `slack` (k) and `decision` (h) are in sigma; 0.5 and 5 detect a shift of one sigma, and signal
     once in 465 stable points on average. The lower sums are negative. Raises `ValueError` if sigma
@@ -226,7 +223,7 @@ def cusum(
 
 
 def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
-    """Chart the share of `sizes` that was counted (p chart), with limits for each size (Montgomery,
+    """Return the p chart: `counts` as shares of `sizes`, with limits for each size (Montgomery,
     section 7.2).
 
     Raises `ValueError` for a count below 0 or above its size, and for a size that is not above 0.
@@ -239,8 +236,8 @@ def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
 
 
 def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
-    """Chart counts per unit of `sizes` such as hours or units (u chart), with limits for each size
-    (Montgomery, section 7.3).
+    """Return the u chart: `counts` per unit of `sizes`, such as hours or units, with limits for
+    each size (Montgomery, section 7.3).
 
     Raises `ValueError` for a count below 0, and for a size that is not above 0.
     """
@@ -250,17 +247,17 @@ def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
 
 
 def sigma_of_moving_ranges(points: Floats) -> float:
-    """Return sigma of single values, by the mean moving range of two."""
+    """Return sigma of single values from the mean moving range of two."""
     return float(np.abs(np.diff(points)).mean()) / d2(2)
 
 
 def sigma_of_ranges(rows: Floats) -> float:
-    """Return sigma of single values, by the mean range within subgroups."""
+    """Return sigma of single values from the mean range within subgroups."""
     return float(np.ptp(rows, axis=1).mean()) / d2(rows.shape[1])
 
 
 def _given_or_own(points: Floats, centre: float | None, sigma: float | None) -> tuple[float, float]:
-    """Return centre and sigma; what is not given is that of the values."""
+    """Return the given centre and sigma, or those of the values."""
     return (
         float(points.mean()) if centre is None else centre,
         sigma_of_moving_ranges(points) if sigma is None else sigma,
@@ -290,7 +287,6 @@ def _counted(name: str, points: Floats, mean: float, sigma: Floats, most: float)
 
 
 def _beyond(outside: NDArray[np.bool_]) -> tuple[Signal, ...]:
-    """Return a signal for each point outside of its limits."""
     return tuple(Signal(1, int(place), int(place)) for place in np.flatnonzero(outside))
 
 
@@ -309,7 +305,9 @@ def _of_ranges(name: str, spans: Floats, size: int) -> Chart:
 
 
 def _from_zero(points: int, centre: float, sigma: float) -> tuple[Floats, Floats]:
-    """Return limits at three sigma for each point of a spread, which is never below zero."""
+    """Return three-sigma limits of a measure of spread for each point, the lower one not below
+    zero.
+    """
     return np.full(points, max(centre - 3 * sigma, 0.0)), np.full(points, centre + 3 * sigma)
 
 
@@ -322,7 +320,7 @@ def _chart(
     upper: Floats,
     tests: tuple[int, ...],
 ) -> Chart:
-    """Return a chart; distances are thirds of the distance to the limit on their side, which is
+    """Return a chart; distances are in thirds of the distance to the limit on their side, which is
     sigma for symmetric limits.
     """
     distances = points - centre
@@ -367,8 +365,8 @@ def c4(n: int) -> float:
 
 @cache
 def d2(n: int) -> float:
-    """Return the mean range of `n` normal values, in units of sigma: the integral of 1 - F**n -
-    (1 - F)**n.
+    """Return the mean range of `n` normal values, in units of sigma: the integral of 1 - F**n - (1
+    - F)**n.
     """
     x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
     below = special.ndtr(x)
@@ -385,7 +383,7 @@ def d3(n: int) -> float:
 
 
 def _inner_of_d3(n: int, x: Floats, below: Floats) -> Iterator[Floats]:
-    """Yield the inner integrals, some rows at once: all of them take 100 MB."""
+    """Yield the inner integrals, a few rows at once: together they take 100 MB."""
     high = below[np.newaxis, :]
     for first in range(0, len(x), ROWS_AT_ONCE):
         low = below[first : first + ROWS_AT_ONCE, np.newaxis]

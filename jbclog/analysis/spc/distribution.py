@@ -1,12 +1,12 @@
 """The distribution that a feature follows: normal, lognormal, Weibull, Box-Cox, lognormal with a
-threshold, or none of them.
+threshold, or none.
 
-Each family is a monotone map from values to normal scores, so stability is tested, and limits are
-set, on a scale on which the values are normal. Of the families that the Anderson-Darling test
-accepts (p at least `ACCEPTED`) the most likely is taken (BIC): normal unless another is clearly
+Each family is a monotone map from values to normal scores, so that stability is tested, and limits
+are set, on a scale on which the values are normal. Of the families that the Anderson-Darling test
+accepts (p at least `ACCEPTED`), the most likely is taken (BIC): normal unless another is clearly
 more likely, and one of three parameters only if none of two fits. A family is also accepted if it
-fits all values but a few that lie far beyond it: these are outliers of that family and not the
-shape of another one.
+fits all values but a few far beyond it: these count as outliers, not as the shape of another
+family.
 
 Sources: ISO 22514-2 (performance by distribution); M. A. Stephens, in D'Agostino and Stephens,
 Goodness-of-Fit Techniques (1986), for both tests; Box and Cox, J. R. Statist. Soc. B 26 (1964); the
@@ -28,18 +28,19 @@ from jbclog.analysis.spc import special
 Floats = NDArray[np.float64]
 
 ACCEPTED: Final = 0.05
-# chance of such an outlier among all values, under the family that fits the others
+# p-value of such an outlier among all values, under the family that fits the others
 FAR_OUT: Final = 0.001
-OUTLIERS: Final = 0.02  # at most this share of the values, or one
-MOST_OUTLIERS: Final = 50  # and at most so many: more are a tail, not a few that lie far beyond
-# of the score by the tightest fit: the fit with fewer left out may be another in its shape
+OUTLIERS: Final = 0.02  # largest share of the values, or one value
+MOST_OUTLIERS: Final = 50  # largest number: more are a tail, not outliers
+# tolerance of the score by the tightest fit: a fit with fewer values left out may have another
+# shape
 SLACK: Final = 2.0
-# A² of the tightest fit beyond which no fit with fewer left out is tried. A is a distance between
-# values and a distribution, at most 0.87 where a family is accepted; the values put back (at most
-# 2 %, and 50) move it by less than 4.
+# A² of the tightest fit above which no fit with fewer values left out is tried. A is a distance
+# between values and distribution, at most 0.87 for an accepted family; the values put back (at most
+# 2 %, and 50) change it by less than 4.
 HOPELESS: Final = 40.0
 REACH: Final = 3.0  # standard scores of the percentiles 0.135 and 99.865
-# of BIC, that another family must be better by (Raftery 1995: positive evidence)
+# difference of BIC by which another family must be better (Raftery 1995: positive evidence)
 NORMAL_FIRST: Final = 2.0
 LOG_ROOT: Final = -0.5 * float(np.log(2 * np.pi))
 
@@ -66,8 +67,8 @@ class Family(ABC):
         """Return the values at standard normal scores; NaN or infinite where there is none."""
 
     def chance(self, fitted: tuple[Floats, ...], values: Floats) -> float:
-        """Return the probability of values as far from this family (Anderson-Darling, parameters
-        estimated).
+        """Return the p-value of values as far from this family (Anderson-Darling, estimated
+        parameters).
         """
         return chance_of_normal(self.distance(fitted, values))
 
@@ -111,7 +112,7 @@ class Weibull(Family):
         logs = np.log(rows)
         middle, top = logs.mean(axis=-1, keepdims=True), logs.max(axis=-1, keepdims=True)
         shape = np.pi / sqrt(6) / np.maximum(logs.std(axis=-1, keepdims=True), 1e-9)
-        for _ in range(25):  # Newton; from the estimate by moments it takes fewer than ten
+        for _ in range(25):  # Newton; from the estimate by moments it takes fewer than ten steps
             weight = np.exp(shape * (logs - top))
             total = weight.sum(axis=-1, keepdims=True)
             first = (weight * logs).sum(axis=-1, keepdims=True) / total
@@ -151,8 +152,8 @@ class Weibull(Family):
 
 
 class BoxCox(Normal):
-    """Normal after the power that makes the values most likely; percentiles beyond the power's edge
-    do not exist.
+    """Normal after the power transform that makes the values most likely; percentiles beyond the
+    edge of the power do not exist.
     """
 
     name, free, needs_positive = "Box-Cox", 3, True
@@ -161,7 +162,7 @@ class BoxCox(Normal):
     def fit(self, rows: Floats) -> tuple[Floats, ...]:
         shape = (*rows.shape[:-1], 1)
         middle = np.exp(np.log(rows).mean(axis=-1, keepdims=True))
-        even = rows / middle  # a power of values about 1 neither overflows nor vanishes
+        even = rows / middle  # a power of values near 1 neither overflows nor vanishes
         low, high = (np.full(shape, edge) for edge in self.POWERS)
         for _ in range(30):  # golden section: the likelihood has one peak
             one, two = high - 0.618034 * (high - low), low + 0.618034 * (high - low)
@@ -196,7 +197,7 @@ class Threshold(Normal):
         side = np.where(_skewness(rows) >= 0, 1.0, -1.0)
         least = (side * rows).min(axis=-1, keepdims=True)
         low, high = (np.full_like(least, float(np.log(edge))) for edge in (1e-4, 1e3))
-        # to 5e-7, in logarithms of the way from the threshold to the nearest value, in standard
+        # to 5e-7; in logarithms of the distance from threshold to nearest value, in standard
         # deviations
         for _ in range(25):
             middle = (low + high) / 2
@@ -218,14 +219,14 @@ FAMILIES: Final[tuple[Family, ...]] = (Normal(), Lognormal(), Weibull(), BoxCox(
 
 
 def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
-    """Return the family that fits best, or None. Rounded values (`resolution`) are spread evenly
-    over their steps for the test.
+    """Return the family that fits best, or None. For the test, rounded values (`resolution`) are
+    spread evenly over their steps.
     """
     points = spread_over_steps(values, resolution)
     if not np.ptp(points) > 0:
         return None
     possible = [family for family in FAMILIES if points.min() > 0 or not family.needs_positive]
-    for free in (2, 3):  # three parameters could fit a tail to an outlier, so two come first
+    for free in (2, 3):  # two parameters first: three could fit a tail to an outlier
         some = [family for family in possible if family.free == free]
         found = [fit for family in some if (fit := _fit(family, points)) is not None]
         if found:
@@ -240,14 +241,14 @@ def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
 
 
 def normal_fit(values: Floats) -> Fit:
-    """Return the normal distribution of the values, whether it fits or not."""
+    """Return the normal distribution of the values, even if it does not fit."""
     fitted = FAMILIES[0].fit(values)
     return Fit(FAMILIES[0], fitted, FAMILIES[0].chance(fitted, values))
 
 
 def widest_fit(values: Floats) -> Fit | None:
-    """Return the lognormal with a threshold, which has the values' skewness, whether it fits or
-    not; None if it has no tails.
+    """Return the lognormal with a threshold and the values' skewness, even if it does not fit; None
+    if it has no tails.
     """
     family = FAMILIES[-1]
     fitted = family.fit(values)
@@ -258,11 +259,9 @@ def widest_fit(values: Floats) -> Fit | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The family that fits, its parameters, and the probability of values as far from it
-    (Anderson-Darling).
+    """A fitted family: its parameters and the p-value of the fit (Anderson-Darling).
 
-    `outliers` is the number of values left out of the fit because they lie far beyond what fits the
-    others.
+    `outliers` is the number of values left out of the fit because they lie far beyond it.
     """
 
     family: Family
@@ -279,19 +278,17 @@ class Fit:
         return np.clip(self.family.scores(self.fitted, values), -37.0, 37.0)
 
     def at(self, score: float) -> float:
-        """Return the value at a standard normal score: 0 the median, ±3 the percentiles 99.865 and
-        0.135.
-        """
+        """Return the value at a normal score: 0 the median, ±3 the percentiles 99.865 and 0.135."""
         return float(self.family.quantiles(self.fitted, np.array([score]))[0])
 
     def bic(self, values: Floats) -> float:
-        """Return Bayes' information criterion: the less, the more likely."""
+        """Return the Bayesian information criterion: lower is more likely."""
         return self.family.free * float(np.log(len(values))) - 2 * float(
             self.log_density(values).sum()
         )
 
     def log_density(self, values: Floats) -> Floats:
-        """Return the logarithm of the density, by the slope of the scores."""
+        """Return the logarithm of the density, from the slope of the scores."""
         step = 1e-4 * float(values.std())
         slope = (self.scores(values + step) - self.scores(values - step)) / (2 * step)
         return np.asarray(
@@ -300,9 +297,7 @@ class Fit:
 
 
 def spread_over_steps(values: Floats, resolution: float | None) -> Floats:
-    """Return rounded values spread evenly over their step, because a test of a distribution is of
-    values without ties.
-    """
+    """Spread rounded values evenly over their steps, because the test needs values without ties."""
     if not resolution:
         return values
     steps = np.round(values / resolution)
@@ -324,8 +319,8 @@ def _distance_from_normal(values: Floats) -> float:
 
 
 def chance_of_normal(a: float) -> float:
-    """Return the probability of an adjusted A² as great as this, of values whose mean and spread
-    were estimated from them (Stephens' approximation).
+    """Return the p-value of an adjusted A² of values whose mean and spread were estimated from them
+    (Stephens' approximation).
     """
     if a >= 0.6:
         chance = np.exp(1.2937 - 5.709 * a + 0.0186 * a**2) if a < 13 else 0.0
@@ -339,8 +334,8 @@ def chance_of_normal(a: float) -> float:
 
 
 def _anderson_darling(log_below: Floats, log_above_reversed: Floats, n: int) -> float:
-    """Return A² of sorted values; the logarithms are of the share below each, and above each from
-    the last to the first.
+    """Return A² of sorted values, from the logarithms of the share below each, and of the share
+    above each from the last to the first.
     """
     return -n - float(((2 * np.arange(1, n + 1) - 1) * (log_below + log_above_reversed)).sum()) / n
 
@@ -355,7 +350,7 @@ def _fit(family: Family, points: Floats) -> Fit | None:
 
 
 def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
-    """Return the fit without the few values furthest from the median, if far beyond it."""
+    """Return the fit without the few values furthest from the median, if they are far beyond it."""
     n = len(points)
     most = min(max(1, int(OUTLIERS * n)), MOST_OUTLIERS)
     order = np.argsort(np.abs(points - np.median(points)))
@@ -377,29 +372,31 @@ def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
 
 
 def _scores_at_most(family: Family, fitted: tuple[Floats, ...], furthest: Floats) -> Floats:
-    """Return about how far out each of `furthest` can be: by the fit of the values without any of
-    them, whose spread is the least.
+    """Return an upper estimate of the score of each of `furthest`, by the fit of the values without
+    all of them, whose spread is the least.
     """
     scores = np.abs(family.scores(fitted, furthest))
     return np.where(np.isnan(scores), np.inf, scores)
 
 
 def _is_far_out(score: float, n: int) -> bool:
-    """Whether a score this high is not expected among `n` values."""
+    """Whether a score this high is unlikely among `n` values."""
     return bool(2 * n * special.ndtr(-score) < FAR_OUT)
 
 
 def _spread_of_power(even: Floats, power: Floats) -> Floats:
-    """Return what a greater likelihood makes smaller; the values have the geometric mean 1."""
+    """Return the quantity to minimise for the most likely power; the values have the geometric mean
+    1.
+    """
     return np.asarray(special.boxcox(even, power).std(axis=-1, keepdims=True))
 
 
 def _skewness(rows: Floats) -> Floats:
     away = rows - rows.mean(axis=-1, keepdims=True)
-    # `**3` takes many times as long
+    # `**3` is many times slower
     return np.asarray((away * away * away).mean(axis=-1, keepdims=True))
 
 
 def _log(values: Floats) -> Floats:
-    """Return the logarithm, with a lower bound for values that have none."""
+    """Return the logarithm, bounded below for values that have none."""
     return np.log(np.maximum(values, 1e-300))

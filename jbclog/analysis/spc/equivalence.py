@@ -34,10 +34,10 @@ HALVINGS = 20
 def equivalence(
     first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0
 ) -> Equivalence | Refused:
-    """Return TOST of two series of independent values; `step` widens the interval by what their
-    resolution may hide.
+    """Test whether the means of two series of independent values are equivalent (TOST).
 
-    Raises `UsageError` if the margin is not above zero.
+    `step`, the resolution of the values, widens the interval by what it may hide. Raises
+    `UsageError` if the margin is not above zero.
     """
     _check_margin(margin)
     one, two = (np.asarray(values, dtype=np.float64) for values in (first, second))
@@ -62,8 +62,8 @@ def equivalence(
 
 @dataclass(frozen=True, slots=True)
 class Equivalence:
-    """The difference (second mean minus first), its 90 % interval, the margin, and the greater p of
-    the two tests.
+    """Result of TOST: the difference (second mean minus first), its 90 % interval, the margin, and
+    the greater p of the two tests.
     """
 
     difference: float
@@ -81,8 +81,9 @@ class Equivalence:
 
 
 def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
-    """Return TOST of two means by their intervals. Raises `UsageError` if the margin is not above
-    zero.
+    """Test whether two means are equivalent (TOST), from their intervals.
+
+    Raises `UsageError` if the margin is not above zero.
     """
     _check_margin(margin)
     difference = second.value - first.value
@@ -104,14 +105,14 @@ def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
 
 @dataclass(frozen=True, slots=True)
 class Mean:
-    """A mean, and half the width of its two-sided interval as a function of the confidence."""
+    """A mean, and the half-width of its two-sided interval as a function of the confidence."""
 
     value: float
     half: Callable[[float], float]
 
 
 def _chance(half: Callable[[float], float], slack: float) -> float:
-    """Return the one-sided probability at which half of the interval is as wide as `slack`."""
+    """Return the one-sided probability at which the half-width equals `slack`."""
     low, high = 0.0, 0.5
     for _ in range(HALVINGS):
         middle = (low + high) / 2

@@ -1,8 +1,8 @@
-"""Gauge repeatability and reproducibility: the share of the variation that comes from measuring, by
-analysis of variance.
+"""Gauge repeatability and reproducibility (GR&R): the share of the variation that comes from
+measuring, by analysis of variance.
 
 The crossed study of AIAG's Measurement Systems Analysis: every operator measures every part several
-times. The interaction is pooled with repeatability if it is not significant, and a variance below
+times. An interaction that is not significant is pooled with repeatability, and a variance below
 zero counts as zero; `notes` reports both.
 """
 
@@ -18,7 +18,7 @@ from jbclog.analysis.spc import special
 from jbclog.analysis.spc.distribution import Floats
 from jbclog.core.errors import UsageError
 
-POOLED_ABOVE = 0.25  # chance of the interaction's F (AIAG MSA, 4th edition)
+POOLED_ABOVE = 0.25  # p of the interaction's F (AIAG MSA, 4th edition)
 GOOD, TOLERABLE = 10.0, 30.0  # per cent of the total variation (AIAG MSA)
 LEAST_CATEGORIES = 5
 
@@ -37,9 +37,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class GaugeStudy:
-    """Standard deviations by source, in the unit of the measurements, with the table of
-    variance.
-    """
+    """Standard deviations by source, in the unit of the measurements, and the table of variance."""
 
     repeatability: float
     reproducibility: float
@@ -56,8 +54,8 @@ class GaugeStudy:
 
     @property
     def verdict(self) -> str:
-        """One of AIAG's three classes; fewer than five distinct categories are not enough for
-        process control.
+        """One of AIAG's three classes; with fewer than five distinct categories a gauge is not fit
+        for process control.
         """
         percent = self.percent(self.gauge)
         if percent > TOLERABLE or self.categories < 2:
@@ -68,8 +66,9 @@ class GaugeStudy:
 
 
 def gauge_study(measurements: ArrayLike) -> GaugeStudy:
-    """Return the study of `measurements` of shape (parts, operators, trials). Raises `UsageError`
-    if it is not crossed.
+    """Return the GR&R study of `measurements`, of shape (parts, operators, trials).
+
+    Raises `UsageError` if it is not crossed.
     """
     data = np.asarray(measurements, dtype=np.float64)
     if data.ndim != 3 or min(data.shape) < 2:

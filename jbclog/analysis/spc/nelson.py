@@ -15,15 +15,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Zones = NDArray[np.float64]
-"""Points as distances from the centre line in standard deviations."""
+"""Distances of points from the centre line, in standard deviations."""
 Windows = NDArray[np.float64]
-"""As many neighbouring points as a test examines, one row for each place."""
+"""Windows of as many neighbouring points as a test examines, a row each."""
 BEYOND_3 = 0.0026998  # share of a normal process beyond three sigma
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Test number `test` is met by the points from `first` to `last` (counted from 0)."""
+    """Test `test` is met by the points from `first` to `last` (counted from 0)."""
 
     test: int
     first: int
@@ -36,10 +36,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One of the tests: how many neighbouring points it examines, and whether they are unusual.
+    """A test: how many neighbouring points it examines, and whether they are unusual.
 
-    `rate` is how often a point of a stable normal process completes it, if that is known in closed
-    form.
+    `rate` is how often a point of a stable normal process completes the pattern, if a closed form
+    is known.
     """
 
     points: int
@@ -49,8 +49,8 @@ class Test:
 
 
 def _beyond(sigmas: float, enough: int) -> Callable[[Windows], NDArray[np.bool_]]:
-    """Return a test that enough of the points, the last among them, are beyond so many sigmas on
-    the same side.
+    """Return a test: enough points, the last among them, are beyond this many sigmas on the same
+    side.
     """
 
     def meets(windows: Windows) -> NDArray[np.bool_]:
@@ -95,18 +95,18 @@ TESTS = (
 
 ALL_TESTS = tuple(range(1, 9))
 DEFAULT_TESTS = (1, 2, 3, 5)
-"""The tests of a chart unless others are given; all eight signal on most stable series of a hundred
-points.
+"""Default tests of a chart. With all eight, most stable series of a hundred points have a
+signal.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """What tests signal on a stable normal process, by simulation (`false_alarms`).
+    """False alarms of tests on a stable normal process, by simulation (`false_alarms`).
 
-    `per_100`: signals in 100 points with known limits, counted where they begin. `run_length`:
-    points to the first signal on average, with known limits. `series`: the share of series of 100
-    points with a signal, with limits from the series itself.
+    - `per_100`: signals in 100 points with known limits, counted where they begin
+    - `run_length`: points to the first signal on average, with known limits
+    - `series`: share of series of 100 points with a signal, with limits from the series itself
     """
 
     per_100: float
@@ -126,17 +126,17 @@ FALSE_ALARMS = {
     DEFAULT_TESTS: FalseAlarms(0.87, 118.0, 0.53),
     ALL_TESTS: FalseAlarms(1.46, 74.0, 0.71),
 }
-"""Of the default tests and of all eight; a campaign compares them with a new simulation."""
+"""For the default tests and for all eight; a campaign compares them with a new simulation."""
 
 
 def false_alarms(tests: tuple[int, ...], series: int, seed: int) -> FalseAlarms:
-    """Return these tests' false alarms, by simulation of so many series of 100 stable points."""
+    """Simulate this many series of 100 stable points and return the tests' false alarms."""
     generator = np.random.default_rng(seed)
     points = generator.normal(size=100 * series)
     at = np.unique([one.last for one in signals(points, tests)])
     begun = at[np.diff(at, prepend=-2) > 1] if len(at) else at
     lengths, start = [], 0
-    while start < len(points) - 5000:  # each run begins anew, without the points before its start
+    while start < len(points) - 5000:  # each run starts anew, without the points before its start
         ahead = points[start : start + 5000]
         first = min((one.last for one in signals(ahead[:500], tests)), default=None)
         if first is None:
@@ -151,7 +151,7 @@ def false_alarms(tests: tuple[int, ...], series: int, seed: int) -> FalseAlarms:
 
 
 def signals(zones: Zones, tests: tuple[int, ...] = ALL_TESTS) -> tuple[Signal, ...]:
-    """Return all signals of these tests, in the order of the points that complete them."""
+    """Return all signals of these tests, ordered by the points that complete them."""
     found: list[Signal] = []
     for number in tests:
         test = TESTS[number - 1]

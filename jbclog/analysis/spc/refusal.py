@@ -1,8 +1,8 @@
 """Reasons to refuse a chart or an index.
 
-Each refusal prevents a mistake whose size was measured: an individuals chart of values whose
-neighbours are alike (lag-1 correlation 0.9) shows a third of them out of control, with a sigma
-three times too small; a spread below the resolution makes Cpk as large as one likes. See
+Each refusal prevents a mistake whose size was measured: an individuals chart of autocorrelated
+values (lag-1 correlation 0.9) shows a third of them out of control, with a sigma three times too
+small; a spread below the resolution makes Cpk arbitrarily large. See
 docs/explanation/capability.md.
 """
 
@@ -21,18 +21,18 @@ from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats
 from jbclog.analysis.spc.nelson import BEYOND_3, TESTS, signals
 from jbclog.core.text import count_text
 
-CLEARLY: Final = 10.0  # BIC; "very strong" of Kass and Raftery 1995
+CLEARLY: Final = 10.0  # difference of BIC: "very strong" (Kass and Raftery 1995)
 APART: Final = 2.0
-LEAST_SHARE: Final = 0.05  # fewer are outliers
+LEAST_SHARE: Final = 0.05  # a smaller share is outliers
 MOST_ROUNDS: Final = 200
-LEAST_POINTS = 20  # for limits of a chart; fewer are guesses (Montgomery: 20 to 25)
-LEAST_FOR_CAPABILITY = 30  # at which the lower bound of a Cpk of 1.33 is 1.03
+LEAST_POINTS = 20  # minimum for limits of a chart (Montgomery: 20 to 25)
+LEAST_FOR_CAPABILITY = 30  # with which the lower bound of a Cpk of 1.33 is 1.03
 MOST_LAG_1 = 0.3
-ALIKE = 0.01  # chance of a correlation as high in independent values
+ALIKE = 0.01  # p-value of the correlation
 LEAST_STEPS = 5  # distinct values; with fewer, the spread is that of the resolution
-BY_CHANCE = 0.01  # chance that a stable process gives so many signals
-SHIFT_BY_CHANCE = 0.005  # of a step, and of a drift, in a process that has neither
-LEAST_FOR_PERCENTILES = 741  # of which one in 0.135 % is expected
+BY_CHANCE = 0.01  # probability of as many signals in a stable process
+SHIFT_BY_CHANCE = 0.005  # p-value of a step or a drift
+LEAST_FOR_PERCENTILES = 741  # values of which one beyond 0.135 % is expected
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +47,19 @@ Check = Callable[[], Refused | None]
 
 
 def first_refusal(checks: Iterable[Check]) -> Refused | None:
-    """Return the first refusal of these checks, or None; the most useful reason comes first."""
+    """Return the first refusal of these checks, or None; order them by usefulness."""
     return next((refused for check in checks if (refused := check()) is not None), None)
 
 
 def too_few(count: int, least: int, what: str) -> Refused | None:
-    """Refuse too few values: their limits and indices describe the values more than the process."""
+    """Refuse too few values: their limits describe the values more than the process."""
     if count >= least:
         return None
     return Refused("too_few", f"{there_are(count, what)}; it takes at least {least}.")
 
 
 def there_are(count: int, what: str) -> str:
-    """Return ``There are 3 days with alarms``, ``There is 1 day with alarms``."""
+    """Return a count as ``There are 3 days with alarms`` or ``There is 1 day with alarms``."""
     noun, *rest = what.split(" ", 1)
     one = noun.removesuffix("es" if noun.endswith("ches") else "s")
     return (
@@ -69,14 +69,14 @@ def there_are(count: int, what: str) -> str:
 
 
 def lag_1(points: Floats) -> float:
-    """Return the correlation of each value with the next."""
+    """Return the lag-1 autocorrelation."""
     away = points - points.mean()
     total = float(away @ away)
     return float(away[:-1] @ away[1:]) / total if total else 0.0
 
 
 def autocorrelated(points: Floats) -> Refused | None:
-    """Refuse values whose neighbours are alike: their limits would be far too narrow."""
+    """Refuse autocorrelated values: their limits would be far too narrow."""
     found, chance = lag_1(points), float(-special.ndtri(ALIKE)) / sqrt(len(points))
     if found <= max(MOST_LAG_1, chance):
         return None
@@ -90,7 +90,7 @@ def autocorrelated(points: Floats) -> Refused | None:
 
 
 def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refused | None:
-    """Refuse a spread that the resolution made or hid."""
+    """Refuse a spread that is due to the resolution or hidden by it."""
     if not resolution:
         if sigma > 0:
             return None
@@ -108,11 +108,11 @@ def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refuse
 
 
 def unstable(chart: Chart, distances: Floats) -> Refused | None:
-    """Refuse a point further out, or more signals, than a stable process gives by chance; in long
-    series some are expected.
+    """Refuse a point further out, or more signals, than a stable process gives by chance; a long
+    series has some.
 
-    `distances` is how far each point certainly is from the centre; 0 if it may be on either side,
-    as a rounded value may.
+    `distances` is how far each point is from the centre for certain; 0 if a rounded value may be on
+    either side.
     """
     n, zones = len(distances), distances / chart.sigma
     furthest = float(np.abs(zones).max())
@@ -138,8 +138,8 @@ def _not_stable(what: str) -> Refused:
 
 
 def rate_of_nine(sides: Floats) -> float:
-    """Return how often nine in a row on one side begin at a point, if values lie above as often as
-    these do.
+    """Return how often a run of nine on one side begins at a point, for values that lie above as
+    often as these do.
 
     Values on neither side are left out, as in any test of runs (Gibbons and Chakraborti,
     Nonparametric Statistical Inference, chapter 3). The sides need not be equal, because steps of a
@@ -159,7 +159,7 @@ def _count_runs(places: list[int]) -> int:
 
 
 def shifted(points: Floats) -> Refused | None:
-    """Refuse a step or a drift, by ranks and so for any distribution (Pettitt 1979; Spearman)."""
+    """Refuse a step (Pettitt 1979) or a drift (Spearman), by ranks and so for any distribution."""
     n, ranks = len(points), ranked(points)
     sums = np.cumsum(2 * ranks - (n + 1))[:-1]
     place = int(np.abs(sums).argmax())
@@ -199,7 +199,7 @@ def ranked(points: Floats) -> Floats:
 
 
 def rank_scores(points: Floats) -> Floats:
-    """Return normal scores by rank alone, for values that no distribution fits."""
+    """Return normal scores by rank, for values that no distribution fits."""
     return np.asarray(special.ndtri((ranked(points) - 0.5) / len(points)))
 
 
@@ -221,7 +221,7 @@ def no_distribution(points: Floats) -> Refused | None:
 
 @dataclass(frozen=True, slots=True)
 class TwoPopulations:
-    """Both means and standard deviations, and the share of the first in all values."""
+    """Means and standard deviations of both, and the first one's share of all values."""
 
     means: tuple[float, float]
     sds: tuple[float, float]
@@ -232,11 +232,11 @@ def two_populations(
     values: Floats, one: Fit, resolution: float | None = None
 ) -> TwoPopulations | None:
     """Return two populations (two tips, two recipes, joints and touches) if they explain the values
-    clearly better than one.
+    clearly better than one; else None.
 
-    A mixture of two normal distributions must be clearly more likely than the one distribution that
-    fits best and than an even spread (BIC, by `CLEARLY`), and the two must lie clearly apart: D of
-    Ashman, Bird and Zepf (Astronomical Journal 108, 1994) above 2, which a mixture needs to have
+    A mixture of two normal distributions must be clearly more likely than the best single
+    distribution and than an even spread (BIC, by `CLEARLY`), and the two must lie clearly apart: D
+    of Ashman, Bird and Zepf (Astronomical Journal 108, 1994) above 2, which a mixture needs to have
     two peaks.
     """
     n, ordered = len(values), np.sort(values)

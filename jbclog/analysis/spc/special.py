@@ -1,5 +1,5 @@
-"""The functions of `scipy.special` that charts and indexes take, loaded with the first call: most
-reports have too few joints for either.
+"""Functions of `scipy.special`, loaded at the first call: most reports have too few joints to need
+them.
 """
 
 from __future__ import annotations

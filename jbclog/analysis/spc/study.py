@@ -1,4 +1,4 @@
-"""The entry points: a chart or an index of a feature, or the reason why it is refused."""
+"""Entry points: a chart or an index of a feature, or the reason why it is refused."""
 
 from __future__ import annotations
 
@@ -38,13 +38,12 @@ from jbclog.core.errors import UsageError
 def control_chart(
     values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
 ) -> tuple[Chart, Chart] | Refused:
-    """Return the individuals chart and the moving range chart of a feature, or the reason for a
-    refusal.
+    """Return the individuals and moving range charts of a feature, or the reason for a refusal.
 
-    `values` are in the order in which they were measured; NaN (not known) is left out. `resolution`
-    is the smallest step of the values, in their unit. The limits are those of the distribution that
-    fits, or of a normal one if none does: an unstable process fits none, and the chart shows it.
-    Raises `UsageError` if a value is infinite.
+    `values` are in measured order; NaN (not known) is left out. `resolution` is the smallest step
+    of the values, in their unit. The limits are those of the distribution that fits, or of a normal
+    one if none does: an unstable process fits none, and the chart shows it. Raises `UsageError` if
+    a value is infinite.
     """
     points = _known_values(values)
     refused = _few_or_coarse(points, LEAST_POINTS, resolution)
@@ -59,8 +58,8 @@ def control_chart(
 
 
 def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
-    """Return the individuals chart of a stable feature that follows a distribution; its limits may
-    be used for later values.
+    """Return the individuals chart of a stable feature that follows a distribution, as limits for
+    later values, or the reason for a refusal.
 
     Raises `UsageError` if a value is infinite.
     """
@@ -80,7 +79,9 @@ def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | 
 def subgroup_charts(
     subgroups: ArrayLike, *, resolution: float | None = None
 ) -> tuple[Chart, Chart] | Refused:
-    """Return the charts of means and ranges of subgroups, a row each (X-bar and R)."""
+    """Return the charts of means and ranges of subgroups (X-bar and R), a row each, or the reason
+    for a refusal.
+    """
     rows = np.asarray(subgroups, dtype=np.float64)
     refused = _refused_subgroups(rows, charts.sigma_of_ranges, resolution)
     return refused or (charts.means(rows), charts.ranges(rows))
@@ -89,7 +90,9 @@ def subgroup_charts(
 def subgroup_charts_by_sd(
     subgroups: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
 ) -> tuple[Chart, Chart] | Refused:
-    """Return the charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
+    """Return the charts of means and standard deviations of subgroups (X-bar and S), a row each, or
+    the reason for a refusal.
+    """
     rows = np.asarray(subgroups, dtype=np.float64)
     refused = _refused_subgroups(
         rows, lambda rows: float(rows.std(axis=1, ddof=1).mean()), resolution
@@ -107,10 +110,9 @@ def capability(
     """Return Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds, or the reason for a
     refusal.
 
-    NaN (not known) is left out, and `n` counts the other values. First a distribution is fitted,
-    then stability is tested on the scale on which it is normal, then the indices come from its
-    percentiles. Raises `UsageError` if no limit is given, the lower one is not below the upper, or
-    a value is infinite.
+    NaN (not known) is left out and not counted in `n`. Fits a distribution, tests stability on the
+    scale on which it is normal, and takes the indices from its percentiles. Raises `UsageError` if
+    no limit is given, the lower one is not below the upper, or a value is infinite.
     """
     if lower is None and upper is None:
         raise UsageError("capability needs a lower limit, an upper limit or both")
@@ -132,10 +134,10 @@ def capability(
 
 
 def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
-    """Return the values against the scores of their ranks, and the line of the distribution that
-    fits.
+    """Return the values against the normal scores of their ranks, and the line of the distribution
+    that fits.
 
-    Raises `UsageError` if there are fewer than two values, or one is infinite.
+    Raises `UsageError` for fewer than two values, or if one is infinite.
     """
     points = np.sort(_known_values(values))
     if len(points) < 2:
@@ -173,8 +175,8 @@ def _few_or_coarse(points: Floats, least: int, resolution: float | None) -> Refu
 
 
 def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
-    """Return the distribution of a stable feature; None if none fits and there are enough values
-    for their own percentiles.
+    """Return the distribution of a stable feature, or a refusal; None if none fits and the values
+    are enough for their own percentiles.
     """
     step = _step(points, resolution)
     refused = _few_or_coarse(points, LEAST_FOR_CAPABILITY, resolution)
@@ -200,7 +202,7 @@ def _out_of_control(
     """Return a refusal for points and patterns that no stable process has, on the scale on which
     the values are normal.
 
-    Limits come from the values as read, so they include the resolution. Compared with them is what
+    Limits come from the values as read, so they include the resolution. What is compared with them
     is certain of each value: it lies as close to the centre as its step allows, and a value whose
     step contains the centre is on neither side of it.
     """

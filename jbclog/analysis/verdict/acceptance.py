@@ -1,10 +1,10 @@
-"""The limits of a verdict: which of a recipe's `[acceptance]` are set, and what they are about."""
+"""The limits in a recipe's `[acceptance]`: which are set, and which need what."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+if TYPE_CHECKING:  # importing pydantic for a verdict would be slow
     from jbclog.config.recipe_sections import Acceptance
 
 
@@ -26,7 +26,7 @@ LIMIT_NAMES: Final = (
     *REACHED_LIMITS,
 )
 ESTIMATED_LIMITS: Final = ("idle_error_c", "idle_sd_c", "recovery_p95_s")
-"""The limits about estimated figures, which have a bound."""
+"""Limits on estimated figures, which have a bound."""
 
 
 def is_bare(acceptance: Acceptance) -> bool:
@@ -42,7 +42,7 @@ def asks_for_anything(acceptance: Acceptance | None) -> bool:
 
 
 def asks_for_joints(acceptance: Acceptance | None) -> bool:
-    """Whether a recipe limits joints, which then have to be searched; that takes time."""
+    """Whether a recipe limits joints; finding them takes time."""
     return acceptance is not None and any(
         getattr(acceptance, name) is not None for name in JOINT_LIMITS
     )

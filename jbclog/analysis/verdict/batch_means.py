@@ -1,6 +1,6 @@
-"""The bounds of rules 1 and 2, by batch means: runs that these judged are compared by them again.
+"""The bounds of rules 1 and 2, by batch means, to compare runs that these rules judged.
 
-The readings, in their order, are divided into `BATCHES` batches of about equal size, of at least
+The readings, in order, are divided into `BATCHES` batches of about equal size, of at least
 `LEAST_BATCH_S` each. The spread of the batches' means, with Student's t, gives the two-sided bound
 of the mean (B. Schmeiser, Batch Size Effects in the Analysis of Simulation Output, Operations
 Research 30 (1982)). The one-sided upper bound of the standard deviation is that of chi-squared with
@@ -28,7 +28,7 @@ TWO_SIDED, ONE_SIDED = NormalDist().inv_cdf(0.975), NormalDist().inv_cdf(0.95)
 
 
 def means_of_batches(cells: Cells, period_s: float) -> Floats:
-    """Return the means of the batches in order; empty if they are fewer than `LEAST_BATCHES`."""
+    """Return the means of the batches in order; empty if there are fewer than `LEAST_BATCHES`."""
     counts, sums, _ = cells.in_order()
     batches = min(BATCHES, int(counts.sum() * period_s / LEAST_BATCH_S))
     if batches < LEAST_BATCHES:
@@ -40,8 +40,8 @@ def means_of_batches(cells: Cells, period_s: float) -> Floats:
 
 
 def bounds_by_batches(n: int, mean: float, sd: float, means: Floats) -> tuple[Bound, Bound] | None:
-    """Return the bounds of mean and standard deviation of `n` readings from the means of their
-    batches; None: too few batches.
+    """Return the bounds of mean and standard deviation of `n` readings from their batch means;
+    None: too few batches.
     """
     if len(means) < LEAST_BATCHES:
         return None

@@ -1,12 +1,12 @@
 """95 % bounds of a mean and a standard deviation, corrected for autocorrelation.
 
-Consecutive readings of a tip are alike: ten thousand of them are worth far fewer independent ones,
-and if the tip drifts slowly it is not known beforehand how many. Batch means cannot show it: if the
-drift outlasts a batch, the batches are alike too. So the uncertainty is taken from the lowest
-frequencies of the readings themselves, and the relation between these frequencies is left
+Consecutive readings of a tip are correlated: ten thousand of them are worth far fewer independent
+ones, and if the tip drifts slowly it is not known beforehand how many. Batch means cannot show it:
+if the drift outlasts a batch, the batches are correlated too. So the uncertainty is taken from the
+lowest frequencies of the readings themselves, and the relation between these frequencies is left
 open:
 
-- The readings, in their order and without the gaps between them, are projected on the first
+- The readings, in order and without the gaps between them, are projected on the first
   `COSINES` cosines of the record's length. Each projection has nearly its own variance, the
   spectrum at that frequency (U. K. Müller and M. W. Watson, Low-Frequency Econometrics, in Advances
   in Economics and Econometrics: Eleventh World Congress (2017)). The variance of the mean is the
@@ -57,7 +57,7 @@ SURE: Final = 0.95
 STEP_C = 1.0
 FLOOR_C = STEP_C / sqrt(12)
 TWO_SIDED: Final = NormalDist().inv_cdf((1 + SURE) / 2)
-TINY: Final = 1e-12  # °C²: the variance of readings that are all the same
+TINY: Final = 1e-12  # °C²: the variance of equal readings
 HALVINGS: Final = 45
 
 Floats = NDArray[np.float64]
@@ -65,9 +65,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """The 95 % bound of a figure, in its unit: two-sided, or an upper one alone (`low` is None).
+    """95 % bound of a figure, in its unit: two-sided, or upper only (`low` is None).
 
-    `n` readings are worth `n_effective` independent ones.
+    `n` readings have an effective sample size of `n_effective`.
     """
 
     low: float | None
@@ -76,14 +76,14 @@ class Bound:
     n_effective: float
 
     def keeps(self, limit: float) -> bool:
-        """Whether all of it is within `limit`, either way."""
+        """Whether the bound is within `limit` on both sides."""
         return max(abs(self.high), abs(self.low or 0.0)) <= limit
 
 
 @dataclass(slots=True)
 class Cells:
-    """Number, sum and sum of squares of the readings in each cell of time; cells double in width
-    when there are too many.
+    """Number, sum and sum of squares of the readings in each cell of time; if there are too many
+    cells, they double in width.
     """
 
     width_s: float = CELL_S
@@ -122,7 +122,7 @@ class Cells:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """The bounds of a mean and a standard deviation. `half(level)`: half of the mean's two-sided
+    """Bounds of a mean and a standard deviation. `half(level)`: half-width of the mean's two-sided
     interval at that level.
     """
 
@@ -182,7 +182,7 @@ def bounds_of_cells(cells: Cells, seconds: float, mean: float, sd: float) -> Bou
 
 
 def _cosines(counts: Floats) -> Floats:
-    """Return the first cosines over the readings in their order, at each cell."""
+    """Return the first cosines over the readings in order, at each cell."""
     at = (np.cumsum(counts) - counts / 2) / counts.sum()
     return np.asarray(
         sqrt(2) * np.cos(np.pi * np.outer(at, np.arange(1, min(COSINES, len(counts) // 2) + 1)))
@@ -195,7 +195,7 @@ def _projected(sums: Floats, cosines: Floats, n: int) -> Floats:
 
 @lru_cache(maxsize=COSINES)
 def _processes(cosines: int) -> _Processes:
-    """Return the autoregressive processes, exact for their projections on cosines; each with every
+    """Return the autoregressive processes, exact for their projections on cosines, each with every
     level of noise.
     """
     rate = 1 / TIMES[:, None]
@@ -230,7 +230,9 @@ def _weights(processes: _Processes, fit: Floats, cosines: int) -> Floats:
 
 
 def _half(weights: Floats, scales: Floats, freedom: int, level: float) -> float:
-    """Return half of the mean's interval: the two-sided quantile of a mixture of Student's t."""
+    """Return the half-width of the mean's interval: the two-sided quantile of a mixture of
+    Student's t.
+    """
 
     def beyond(half: float) -> float:
         return float(weights @ _beyond_t(half / scales, freedom))
@@ -284,7 +286,7 @@ def _spread(
 
 
 def _threshold(is_below: Callable[[float], bool], high: float) -> float:
-    """Return the value between 0 and `high` from which on `is_below` is False, by bisection."""
+    """Return the value between 0 and `high` at which `is_below` becomes False, by bisection."""
     low = 0.0
     for _ in range(HALVINGS):
         middle = (low + high) / 2

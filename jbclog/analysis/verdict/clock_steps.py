@@ -1,8 +1,8 @@
 """Steps of the wall clock, and the times of rows corrected for them.
 
-With ``--rate max`` there is no grid, and only UTC shows how far two rows are apart. A step of the
-wall clock is an event (`clock.step`; its value is the size in s, its time is by the new clock). The
-first row after it is the one whose time jumps too.
+With ``--rate max`` there is no grid, and only UTC gives the interval between two rows. A step of
+the wall clock is an event (`clock.step`; its value is the size in s, its time is by the new clock).
+The time of the first row after it jumps as well.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from jbclog.core.foreign.tables import open_table
 
 Floats = NDArray[np.float64]
-# between a step's event and the first row after it; rows are written during an outage too
+# from a step's event to the first row after it; rows are written during an outage too
 NEAR_S: Final = 60.0
 
 
 def nominal_period(seconds: Floats) -> float:
-    """Return the median distance of two rows in s: the period where there is no grid."""
+    """Return the median interval of rows in s: the period where there is no grid."""
     return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
 
 
@@ -68,7 +68,7 @@ class Unstepped:
     _last: float | None = None
 
     def of(self, utc_s: Floats) -> Floats:
-        """Return the next times in s, less the steps before each."""
+        """Return the next times in s, corrected for the steps before each."""
         if not len(utc_s) or not self.steps:
             return utc_s
         corrected = utc_s - sum(step.size_s for step in self.steps[: self._taken])

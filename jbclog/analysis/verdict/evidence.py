@@ -1,5 +1,5 @@
-"""The evidence of a verdict: what the caller collects of a run, and what is read from its tables of
-events and settings.
+"""The evidence of a verdict: data about the run collected by the caller, and its tables of events
+and settings.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from jbclog.core.foreign.tables import open_table
 from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts, TipCheck
 
-ROWS_AT_ONCE: Final = 8192  # of a table: one takes up to a kilobyte as an object
+ROWS_AT_ONCE: Final = 8192  # as an object a row takes up to a kilobyte
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The recovery of one joint: the time in s until the tip was back, or for which it was observed
+    """Recovery of one joint: the time in s until the tip was back, or for which it was observed
     without being back.
 
     `back`: True if the tip was back before the next joint, False if the next joint came first, None
@@ -36,10 +36,11 @@ class Recovery:
 class Feeds:
     """Joints found and feeds counted (R-DC) between two readings of the feeder's counter.
 
-    `at_edges`: how many of `found` are so close to one of these readings that they may lie outside.
-    `beyond`: how many more may lie inside: found closely outside, or begun where the rows end.
-    `lost_s`: duration of gaps, in which no joint can be found.
-    `counted`: None if the counter does not show it, for the reason in `why`.
+    - `at_edges`: how many of `found` may lie outside, because they are close to one of these
+      readings
+    - `beyond`: how many more may lie inside: found closely outside, or begun where the rows end
+    - `lost_s`: duration of gaps, in which no joint can be found
+    - `counted`: None if the counter does not show it, for the reason in `why`
     """
 
     found: int
@@ -52,7 +53,7 @@ class Feeds:
 
 @dataclass(frozen=True, slots=True)
 class PortJoints:
-    """The joints of one port: the recovery of each, oldest first; None if it is not known.
+    """The joints of one port: the recovery of each, oldest first; None if not known.
 
     `feeds`: None for a tool without a feeder. `why`: the reason if joints, or some of them, are not
     known. `hidden`: how many more there may be in the `unseen_s` seconds of work that were not
@@ -91,12 +92,14 @@ Ledger = Mapping[str, Mapping[str, PortLedger]]
 class Evidence:
     """A sealed run: `folder` holds `samples/`, `events/` and `settings/`.
 
-    `exit_status`: the manifest's; ``lost`` if a crash ended the run and its last moments are
-    missing. `lost`: a sentence on what else the record lacks. `verifications`: those valid for its
-    ports when it began. `joints`: of each port whose recipe limits them. `goals`: the numbers of
-    units and joints with which the run was to end. `targets`: what each station's recipe requires
-    of its tools. `counts_lacking`: whether a setting that a station does not have is a deviation;
-    release 0.1.0, also version 1 of the rules, ignored it.
+    - `exit_status`: the manifest's; ``lost`` if a crash ended the run and its end is missing
+    - `lost`: a sentence on what else the record lacks
+    - `verifications`: those valid for its ports when it began
+    - `joints`: of each port whose recipe limits them
+    - `goals`: numbers of units and joints at which the run was to end
+    - `targets`: what each station's recipe requires of its tools
+    - `counts_lacking`: whether a setting that a station does not have is a deviation; release
+      0.1.0, also version 1 of the rules, ignored it
     """
 
     folder: Path
@@ -117,7 +120,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """The part of an event that a verdict needs."""
+    """The fields of an event that a verdict needs."""
 
     kind: str
     severity: str
@@ -181,7 +184,9 @@ def read_ordered(folder: Path) -> set[tuple[str, int]]:
 
 
 def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
-    """Return each station and port's last adjustment in °C, as read back; without it: left out."""
+    """Return the last adjustment in °C of each station and port, as read back; left out without
+    one.
+    """
     found: dict[tuple[str, int], float] = {}
     for row in _rows(folder / "settings", ["station", "port", "setting", "readback"]):
         port, readback = row["port"], row["readback"]

@@ -71,7 +71,7 @@ LEAP_C = 50.0
 ENOUGH_ROWS, ENOUGH_S = 10, 3.0
 
 NOT_IDLE = "The tip never rested long enough: its temperature did not settle in any pause."
-NOT_SEEN_IDLE = "The tool was not idle long enough."  # by rules 1 and 2
+NOT_SEEN_IDLE = "The tool was not idle long enough."  # text of rules 1 and 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class Block:
 
     @property
     def in_place(self) -> Flags:
-        """The rows in which the tool was in its port and the port worked."""
+        """Rows in which the tool was in its port and the port worked."""
         if self.tool is None or self.port_error is None:
             return np.ones(len(self.seconds), dtype=np.bool_)
         return in_place(self.tool, self.port_error)
@@ -112,7 +112,7 @@ class Block:
 
 def by_block(seconds: Floats) -> list[tuple[int, Flags | slice]]:
     """Return the blocks of `BLOCK_S` that have any of these moments, and the rows of each."""
-    if (np.diff(seconds) < 0).any():  # a clock that was set back
+    if (np.diff(seconds) < 0).any():  # the clock was set back
         numbers = np.floor_divide(seconds + 1e-6, BLOCK_S).astype(np.int64)
         return [(number, numbers == number) for number in np.unique(numbers).tolist()]
     found, first = list[tuple[int, Flags | slice]](), 0
@@ -138,7 +138,7 @@ class IdleError:
     total: float = 0.0
     squares: float = 0.0
     cells: Cells = field(init=False)
-    # the latest bounds, and of how many readings they are
+    # the latest bounds, and their number of readings
     _bounds: tuple[int, Bounds | str] | None = field(
         default=None, init=False, repr=False, compare=False
     )
@@ -147,7 +147,7 @@ class IdleError:
         self.cells = Cells() if self.rules >= BOUNDS_HOLD else Cells(BATCH_CELL_S)
 
     def add(self, seconds: Floats, errors: Floats, period_s: float) -> None:
-        """Add idle readings: their times and errors in s and °C, `period_s` apart."""
+        """Add idle readings: their times in s and errors in °C, `period_s` apart."""
         if not len(errors):
             return
         self.cells.add(seconds, errors)
@@ -174,8 +174,8 @@ class IdleError:
         return sqrt(max(spread, 0.0) / (self.rows - 1))
 
     def latest_bounds(self) -> Bounds | str:
-        """Return the 95 % bounds of both by the latest rules (`bounds.py`), or a sentence why there
-        are none.
+        """Return the 95 % bounds of both by the latest rules (`bounds.py`), or why there are
+        none.
         """
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
@@ -186,7 +186,7 @@ class IdleError:
 
     @property
     def bounds(self) -> tuple[Bound, Bound] | None:
-        """The 95 % bounds of both by version `rules`, or None."""
+        """95 % bounds of both by version `rules`, or None."""
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
             return None
@@ -211,7 +211,6 @@ def idle_readings(block: Block, period_s: float, rules: int = RULES) -> tuple[Fl
 
 
 def _idle_rows(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
-    """Return the rows whose readings are idle."""
     usable = (
         block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
     )
@@ -231,10 +230,10 @@ def _idle_rows(block: Block, setting: Floats, period_s: float, rules: int) -> Fl
 
 
 class KeptRows:
-    """Which rows of blocks are idle by the latest rules, by all that a block holds.
+    """Cache of which rows of blocks are idle by the latest rules, by a digest of the block.
 
-    A report needs them twice: for its metrics and for its verdict. To find them takes several times
-    as long as a digest.
+    A report needs them twice, for its metrics and for its verdict, and computing them takes several
+    times as long as a digest.
     """
 
     def __init__(self) -> None:
@@ -250,7 +249,7 @@ class KeptRows:
             self._found = before
 
     def rows(self, block: Block, period_s: float, find: Callable[[], Flags]) -> Flags:
-        """Return what `find` returns for this block."""
+        """Return the result of `find` for this block."""
         if self._found is None:
             return find()
         key = _digest(block, period_s)
@@ -328,8 +327,8 @@ def at_rest(
 
 @dataclass(frozen=True, slots=True)
 class _Rests:
-    """The rests of a block, which draws separate: for each row the number of its rest, and its age
-    in s in that rest.
+    """The rests of a block, separated by draws: for each row the number of its rest, and its age in
+    s in that rest.
 
     `is_after`: for each rest, whether a draw, or a tip on its way to its setpoint, comes before it.
     """
@@ -410,8 +409,8 @@ def in_place(tool: Floats, port_error: Floats) -> Flags:
 
     Tool and port error are read every few seconds, temperature many times a second. So a row counts
     only if the readings before and after it agree: the same tool, and a port that works (`WORKS`;
-    hot air has other codes, none of which is considered). If there is a reading on one side only,
-    that one decides; without any reading the row counts.
+    hot air has other codes, none of which is considered). With a reading on one side only, that one
+    decides; without any reading the row counts.
     """
     if _is_never_changed(tool) and _works(port_error[~np.isnan(port_error)]).all():
         return np.ones(len(tool), dtype=np.bool_)  # the usual case, ten times as fast
@@ -445,7 +444,7 @@ def _is_good(codes: Floats, good: Flags) -> Flags:
 
 
 def _neighbours(codes: Floats) -> tuple[Floats, Floats]:
-    """Return the last code read up to each row, and the first from it on; NaN if there is none."""
+    """Return the last code read up to each row, and the first from it on; NaN without one."""
     return _held(codes), _held(codes[::-1])[::-1]
 
 

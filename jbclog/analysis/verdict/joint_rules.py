@@ -37,7 +37,7 @@ from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import count_text
 
-if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+if TYPE_CHECKING:  # importing pydantic for a verdict would be slow
     from jbclog.config.recipe_sections import Acceptance
 
 RECOVERY = "recovery_p95"
@@ -49,7 +49,7 @@ NOT_SOUGHT = PortJoints(why="Joints were not searched.")
 def joint_rules(
     facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence
 ) -> Iterator[Rule]:
-    """Yield the rules about a port's joints that its recipe states."""
+    """Yield the rules on a port's joints that its recipe states."""
     seen = evidence.joints.get((facts.name, port), NOT_SOUGHT)
     if acceptance.recovery_p95_s is not None:
         yield recovery_rule(facts, port, acceptance.recovery_p95_s, seen, bare=is_bare(acceptance))
@@ -74,7 +74,7 @@ def _none_known(seen: PortJoints) -> str:
 def recovery_rule(
     facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False
 ) -> Rule:
-    """Return the rule about the 95 % quantile of recovery."""
+    """Return the rule on the 95 % quantile of recovery."""
     if not has_tip(facts):
         return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
     known = [one for one in seen.recoveries if one is not None]
@@ -134,7 +134,7 @@ def _bounded_recovery(
 
 
 def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoints) -> Rule:
-    """Return the rule about the share of joints that recovered before the next."""
+    """Return the rule on the share of joints that recovered before the next."""
     if not has_tip(facts):
         return not_applicable(RECOVERED, facts.name, port, least, "%", "joints")
     back = sum(one is not None and one.back is True for one in seen.recoveries)

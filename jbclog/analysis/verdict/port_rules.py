@@ -1,4 +1,4 @@
-"""The rules about the readings of one port: coverage, longest gap, idle tip, setpoint reached, tip
+"""The rules on the readings of one port: coverage, longest gap, idle tip, setpoint reached, tip
 verification.
 
 A reading that the computer skipped is missing evidence and breaks no limit. A percentage is judged
@@ -35,7 +35,7 @@ from jbclog.analysis.verdict.rules import not_applicable, reports
 from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, PortMeasure, judged_signals
 from jbclog.core.rows import StationFacts, TipCheck
 
-if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+if TYPE_CHECKING:  # importing pydantic for a verdict would be slow
     from jbclog.config.recipe_sections import Acceptance
 
 EXPIRED = "expired"
@@ -51,7 +51,7 @@ def port_rules(
     measure: PortMeasure | None,
     by: int,
 ) -> Iterator[Rule]:
-    """Yield the rules about a port, in reading order."""
+    """Yield the rules on a port, in reading order."""
     station = facts.name
     if acceptance.coverage_percent is not None:
         rule = coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
@@ -99,7 +99,7 @@ def heat_rules(
 def idle_rules(
     facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int
 ) -> Iterator[Rule]:
-    """Yield the rules about idle error and idle standard deviation."""
+    """Yield the rules on idle error and idle standard deviation."""
     stated = (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c))
     limits = {name: limit for name, limit in stated if limit is not None}
     if not reports(facts, TEMPERATURE):
@@ -145,9 +145,8 @@ def _bounds(measure: PortMeasure, by: int) -> tuple[Bound | str | None, Bound | 
 def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rule:
     """Return the rule with the bound of its figure, or with the sentence why there is none.
 
-    The limit is kept if figure and bound keep it. If only the figure keeps it, or without a bound,
-    evidence is missing, unless figures are judged `bare`. A `bound` of None belongs to rules that
-    need none.
+    The limit is kept if figure and bound keep it. If only the figure keeps it, or there is no
+    bound, evidence is missing, unless figures are judged `bare`. `bound` None: the rules need none.
     """
     if bound is None or rule.result is Result.MISSING:
         return rule
@@ -174,7 +173,7 @@ def _furthest(bound: Bound) -> float:
 def coverage_rule(
     facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None
 ) -> Rule:
-    """Return the rule about readings of temperature or state obtained, in per cent of those due."""
+    """Return the rule on readings of temperature or state obtained, in per cent of those due."""
     station, what = facts.name, _what_is_read(facts)
     counts = _judged_counts(facts, ledger)
     due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
@@ -209,6 +208,7 @@ def _any_says_no_state(facts: StationFacts, ledger: PortLedger) -> bool:
 
 def says_no_state(counts: Mapping[str, int]) -> bool:
     """Whether every answer lacked a state: an OMEGA that answers `a` alone (manual 003, 11.3.1).
+
     Such a signal is not judged.
     """
     return bool(counts.get("no_digit")) and not counts.get("ok")
@@ -283,7 +283,7 @@ def _what_is_read(facts: StationFacts) -> str:
 
 
 def idle_error_rule(station: str, port: int, most: float, mean: float) -> Rule:
-    """Return the rule about the idle tip's mean difference from its setpoint, either way."""
+    """Return the rule on the idle tip's mean difference from its setpoint, on both sides."""
     result = Result.PASS if abs(mean) <= most else Result.FAIL
     text = f"Idle error {round(mean, 1) + 0.0:+.1f} °C (mean), allowed ±{shown(most)} °C."
     return Rule("idle_error", station, port, most, mean, "°C", result, text)
@@ -310,10 +310,10 @@ def _at_most(
 def verification_rule(
     facts: StationFacts, port: int, most_days: float, evidence: Evidence, adjusted_c: float | None
 ) -> Rule:
-    """Return the rule about a port's tip verification.
+    """Return the rule on a port's tip verification.
 
     `most_days`: the maximum age at the run's start. `adjusted_c`: the adjustment that the run had,
-    °C; None if it was not read.
+    °C; None if not read.
     """
     place = (facts.name, port)
     found = next((one for one in evidence.verifications if (one.station, one.port) == place), None)

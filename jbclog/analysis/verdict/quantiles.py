@@ -1,5 +1,4 @@
-"""The 95 % quantile of times: its estimate, also where some are only known to be longer, and its
-upper 95 % bound.
+"""The 95 % quantile of times, some of them censored: estimate and upper 95 % bound.
 
 The estimate of censored times is the product-limit estimate (E. L. Kaplan and P. Meier,
 Nonparametric Estimation from Incomplete Observations, Journal of the American Statistical
@@ -13,8 +12,8 @@ Determination of Sample Sizes for Setting Tolerance Limits, Annals of Mathematic
 (1941)). It takes `LEAST` values, whose maximum is then the bound; from 93 values on it is the
 second largest, from 124 on the third.
 
-Neighbours that are alike lower the effective sample size: with a correlation r between consecutive
-values that is significant (one-sided 5 %), it is n (1 - r) / (1 + r), and m is taken in proportion.
+Correlated neighbours lower the effective sample size: with a significant (one-sided 5 %)
+correlation r between consecutive values, it is n (1 - r) / (1 + r), and m is taken in proportion.
 An unknown value counts as larger than every known one, so that a time too long to be seen cannot
 improve the bound.
 """
@@ -37,7 +36,7 @@ CHANCE: Final = NormalDist().inv_cdf(0.95)
 
 def censored_quantile(times: Sequence[tuple[float | None, bool]], share: float) -> float | None:
     """Return the quantile of times, each with whether it ended then (or is longer); None if less
-    than `share` was seen to end.
+    than `share` ended.
     """
     known = np.array([(time, ended) for time, ended in times if time is not None]).reshape(-1, 2)
     distinct, place, counts = np.unique(known[:, 0], return_inverse=True, return_counts=True)
@@ -52,8 +51,8 @@ def censored_quantile(times: Sequence[tuple[float | None, bool]], share: float) 
 
 
 def upper_p95(values: Sequence[float | None]) -> Bound | str:
-    """Return the upper 95 % bound of the 95 % quantile, or a sentence why there is none. None: a
-    value that is not known.
+    """Return the upper 95 % bound of the 95 % quantile, or why there is none. None: a value that is
+    not known.
     """
     known = np.array([value for value in values if value is not None], dtype=np.float64)
     effective = effective_size(known) * len(values) / max(len(known), 1)
@@ -85,7 +84,7 @@ def _log_binomial(n: float, k: int) -> float:
 
 
 def effective_size(values: Floats) -> float:
-    """Return the effective sample size of the values, by the correlation of each with the next."""
+    """Return the effective sample size of the values, by their lag-1 correlation."""
     n = len(values)
     deviations = values - values.mean() if n else values
     squares = float((deviations * deviations).sum())

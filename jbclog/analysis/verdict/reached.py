@@ -26,7 +26,7 @@ from jbclog.analysis.verdict.rule import Figure, Result, Rule, allowed_misses, f
 
 RULE: Final = "reached"
 WITHIN_C, AT_WORK_PERCENT = 10.0, 80.0
-"""The defaults of `[acceptance]`."""
+"""Defaults of `[acceptance]`."""
 ENOUGH_S: Final = 10.0
 APPROACH_S, APPROACH_C = 5.0, 1.0
 ORDERS_WORK: Final = ("working", "on")
@@ -44,8 +44,8 @@ class Targets:
 
 @dataclass(slots=True)
 class Stretch:
-    """A time with one tool and setpoint: seconds at work, the arrival, and the closest that the
-    tool came to the setpoint.
+    """A time with one tool and setpoint: seconds at work, arrival, and smallest distance from the
+    setpoint.
     """
 
     tool: float
@@ -53,7 +53,7 @@ class Stretch:
     at_work_s: float = 0.0
     arrived_s: float | None = None
     nearest_c: float | None = None
-    last_s: float | None = None  # of the last reading at work
+    last_s: float | None = None  # time of the last reading at work
     last_away_c: float = 0.0  # its temperature minus the setpoint
     # times and distances in the last `APPROACH_S`
     _recent: list[tuple[float, float]] = field(default_factory=list)
@@ -84,8 +84,8 @@ class Stretch:
 
 @dataclass(slots=True)
 class Heat:
-    """The heat of one port, from its rows oldest first: stretches with one tool and setpoint, and
-    the rows since the arrival.
+    """The heat of one port, from its rows in order of time: stretches with one tool and setpoint,
+    and the rows since the arrival.
     """
 
     step_s: float | None  # None: no grid; then measured
@@ -103,7 +103,7 @@ class Heat:
     _last_s: float | None = None
 
     def feed(self, rows: Block, known: Flags) -> None:
-        """Take the next rows, and which of them have a status."""
+        """Add the next rows, and which of them have a status."""
         if self.first_s is None:
             self.first_s = float(rows.seconds[0])
         step = self._step(rows.seconds)
@@ -190,7 +190,7 @@ class Heat:
 
     @property
     def is_on_its_way(self) -> bool:
-        """Whether it was approaching its setpoint when the record ended."""
+        """Whether the tool was approaching its setpoint when the record ended."""
         if not self.stretches or self._last_s is None:
             return False
         last = self.stretches[-1]

@@ -1,5 +1,5 @@
-"""One line of a verdict: the limit, the observed figure and the result; and how percentages are
-judged and shown.
+"""One line of a verdict: limit, observed figure and result; how percentages are judged and
+shown.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ class Result(StrEnum):
     FAIL = "fail"
     MISSING = "missing"  # not enough evidence
     DEVIATION = "deviation"  # no limit broken, but not as planned
-    NOT_APPLICABLE = "not applicable"  # the station does not report what the limit is about
+    NOT_APPLICABLE = "not applicable"  # the station does not report the limited quantity
 
 
 Figure = float | int | str
@@ -25,11 +25,11 @@ Figure = float | int | str
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """`limit` and `observed` are numbers in `unit`, or words; None: not known. `text` is a sentence
-    for people.
+    """A rule. `limit` and `observed` are numbers in `unit`, or words; None: not known. `text` is a
+    sentence for people.
 
-    An estimated figure has a `bound`, which must keep the limit too; a figure that was counted in
-    full has none.
+    An estimated figure has a `bound`, which must keep the limit too; a figure counted in full has
+    none.
     """
 
     name: str
@@ -43,12 +43,12 @@ class Rule:
     bound: Bound | None = None
 
     def as_dict(self) -> dict[str, object]:
-        """Return the form of `manifest.verdict_rules` and `report.json`."""
+        """Return the rule as in `manifest.verdict_rules` and `report.json`."""
         return {**asdict(self), "result": self.result.value}
 
 
 RESOLVES: Final = 20
-"""With fewer readings than this, one missing reading is more than the resolution excuses."""
+"""With fewer readings than this, the resolution does not excuse a missing one."""
 
 
 def allowed_misses(due: int, least_percent: float) -> int:
@@ -61,7 +61,9 @@ def allowed_misses(due: int, least_percent: float) -> int:
 
 
 def floored(percent: float) -> float:
-    """Return a percentage with two decimals, never rounded up to a limit that is missed."""
+    """Return a percentage with two decimals, rounded down so that it never reaches a missed
+    limit.
+    """
     return floor(percent * 100 + 1e-9) / 100
 
 

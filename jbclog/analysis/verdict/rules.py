@@ -1,4 +1,4 @@
-"""The rules about a run and its stations, and deviations: not as planned, within limits."""
+"""The rules on a run and its stations, and deviations: not as planned, within limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jbclog.core.rows import StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
 
-if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+if TYPE_CHECKING:  # importing pydantic for a verdict would be slow
     from jbclog.config.recipe_sections import Acceptance
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
@@ -65,8 +65,8 @@ NOT_AS_PLANNED = frozenset(
         "tool.changed",
     }
 )
-"""Events that are deviations from severity warning on. Deviations break no limit but prevent a
-plain ACCEPT.
+"""Events that are deviations from severity warning on: they break no limit but prevent a plain
+ACCEPT.
 """
 
 ENDINGS = (
@@ -79,11 +79,11 @@ ENDINGS = (
 AT_THE_START = ("station.not_started", "station.left_out")
 JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, *AT_THE_START, "run.start", "run.end"})
 SEVERE = ("error", "critical")
-"""Every event of these severities is judged by a rule or is a deviation."""
+"""Events of these severities are always judged, by a rule or as a deviation."""
 
 
 def goal_rules(evidence: Evidence) -> Iterator[Rule]:
-    """Yield a rule for each goal (units, joints); of two one is enough. Too few is a deviation."""
+    """Yield a rule for each goal (units, joints); one of two is enough. Too few is a deviation."""
     is_met = any(goal.is_met for goal in evidence.goals)
     for goal in evidence.goals:
         yield Rule(
@@ -124,7 +124,7 @@ def station_rules(
     events: Sequence[Event],
     outcomes: Outcomes,
 ) -> Iterator[Rule]:
-    """Yield the rules about a station as a whole."""
+    """Yield the rules on a station as a whole."""
     result, text = STATION_ENDINGS.get(
         facts.outcome, (Result.MISSING, "How it ended is not known.")
     )
@@ -181,7 +181,7 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
 def alarms_rule(
     facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]
 ) -> Rule:
-    """Return the rule about the number of alarms; missing evidence if the flags were never read."""
+    """Return the rule on the number of alarms; missing evidence if the flags were never read."""
     if not reports(facts, "alarm_high"):
         return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
     count = sum(event.kind in COUNTED_ALARMS and event.severity in SEVERE for event in events)
@@ -227,7 +227,7 @@ def reports(facts: StationFacts, signal: str) -> bool:
 
 
 def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
-    """Whether no stated limit is about a signal of this station."""
+    """Whether no stated limit applies to a signal of this station."""
     applies = {
         "coverage_percent": True,
         "longest_gap_s": True,
@@ -257,7 +257,7 @@ def has_feeder(facts: StationFacts) -> bool:
 def not_applicable(
     name: str, station: str, port: int | None, limit: float, unit: str, what: str
 ) -> Rule:
-    """Return a rule about a signal that the station does not report."""
+    """Return a rule on a signal that the station does not report."""
     text = f"The station does not report {what}; the limit does not apply."
     return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
 
@@ -295,5 +295,7 @@ def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
 
 
 def not_judged(facts: StationFacts, text: str = NO_LIMITS) -> Rule:
-    """Return a rule for a station not judged, because no limit of its recipe applies to it."""
+    """Return a rule for a station that is not judged, because no limit of its recipe applies to
+    it.
+    """
     return Rule("no_acceptance", facts.name, None, None, None, "", Result.DEVIATION, text)

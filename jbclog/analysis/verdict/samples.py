@@ -65,7 +65,7 @@ def judged_signals(facts: StationFacts) -> list[str]:
 
 @dataclass(slots=True)
 class Gap:
-    """The longest time between two readings, less the period; `widest_s` is None before the first
+    """Longest time between two readings, minus the period; `widest_s` is None before the first
     reading.
 
     `start_s`: from when the time counts, known with the first row.
@@ -77,7 +77,7 @@ class Gap:
     widest_s: float | None = None
 
     def take(self, seconds: Floats) -> None:
-        """Take the times of the next readings, oldest first."""
+        """Add the times of the next readings, oldest first."""
         if not len(seconds):
             return
         before = self.last_s if self.last_s is not None else self.start_s
@@ -88,7 +88,7 @@ class Gap:
         self.last_s = float(seconds[-1])
 
     def end(self, end_s: float) -> None:
-        """Take the last time at which a reading was due."""
+        """Add the last time at which a reading was due."""
         if self.last_s is not None:
             self.take(np.array([end_s + self.period_s]))
 
@@ -103,7 +103,7 @@ class PortMeasure:
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
-    readings: int = 0  # of the judged signals
+    readings: int = 0  # number of readings of the judged signals
     idle: IdleError = field(init=False)
     host_skips: bool = False  # the computer skipped readings, or may have
     no_rows: bool = False  # ticks without rows are the computer's too
@@ -125,7 +125,7 @@ class PortMeasure:
         return self._of_others.widest_s
 
     def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
-        """Take the next rows of this port, oldest first, with their numbers of judged readings."""
+        """Add the next rows of this port, oldest first, with their numbers of judged readings."""
         if self.period_s is None:
             rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
         if self.start_s is None:
@@ -210,9 +210,8 @@ def measure(
     """Return the measures of every port of `stations` that has rows in ``folder/samples``, by
     version `rules` of the rules.
 
-    `groups` reads the rows of a run that is not in a folder.
-    `within_c`: how close to their setpoints a station's tools have to come, if not within the
-    default.
+    `groups` reads the rows of a run that is not in a folder. `within_c`: how close to their
+    setpoints a station's tools have to come, if not the default.
     """
     measures: Measures = {}
     on_grid = all(facts.period_s for facts in stations.values())
@@ -223,7 +222,7 @@ def measure(
         *sorted({name for names in signals.values() for name in names} - set(COLUMNS)),
     ]
     batches = _batches(folder, columns) if groups is None else _cut(groups("samples", columns))
-    if on_grid:  # else each batch has a period
+    if on_grid:  # else each batch has its own period
         batches = gathered(batches, sum(len(facts.ports) for facts in stations.values()))
     for batch in batches:
         for station, port, rows, read, marks in _ports(batch, stations, signals):
@@ -244,7 +243,9 @@ def measure(
 
 
 class KeptMeasures:
-    """Measures the stations of a sealed run as `measure` does, with the same limit and rules."""
+    """Caches what `measure` returns for the stations of a sealed run, with the same limit and
+    rules.
+    """
 
     def __init__(self) -> None:
         self._kept: dict[tuple[str, float, int], Measures] = {}
@@ -256,9 +257,7 @@ class KeptMeasures:
         within_c: Mapping[str, float],
         rules: int,
     ) -> Measures:
-        """Return the measures of every port of `stations`; those of stations that were asked for
-        before are not computed again.
-        """
+        """Return the measures of every port of `stations`, computing only those of new stations."""
         keys = {name: (name, within_c.get(name, WITHIN_C), rules) for name in stations}
         lacking = {name: facts for name, facts in stations.items() if keys[name] not in self._kept}
         found = measure(folder, lacking, within_c, rules) if lacking else {}
@@ -344,7 +343,7 @@ class _Columns:
     port_error: Floats
     skipped: Flags
     status: Flags
-    cooling: Flags  # for a tip: in its extractor
+    cooling: Flags  # a tip is in its extractor
 
     def marks(self, rows: slice, *, has_tip: bool) -> Marks:
         in_extractor = self.cooling[rows] & has_tip  # hot air that cools has another status
@@ -384,5 +383,4 @@ def _valid(batch: pa.Table, name: str) -> Counts:
 
 
 def _floats(batch: pa.Table, name: str) -> Floats:
-    """Return a column as floats, NaN for a null."""
     return np.asarray(batch.column(name).cast(pa.float64()).to_numpy())

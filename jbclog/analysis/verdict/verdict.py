@@ -1,11 +1,11 @@
-"""The verdict of a run: all rules together.
+"""The verdict of a run from all its rules.
 
 One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted.
 Without either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose
 recipes state no limit is NOT JUDGED.
 
-The observed figure breaks a limit. The figure and its 95 % bound, if it has one (`bounds.py`), must
-keep it; a figure that keeps it with a bound that does not is missing evidence.
+The observed figure decides whether a limit is broken. To keep it, the figure and its 95 % bound, if
+it has one (`bounds.py`), must both keep it; if only the figure does, evidence is missing.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, Measuring, me
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import StationOutcome
 
-if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+if TYPE_CHECKING:  # importing pydantic for a verdict would be slow
     from jbclog.config.recipe_sections import Acceptance
 
 
@@ -59,13 +59,13 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict and every rule that it rests on."""
+    """A verdict and the rules behind it."""
 
     verdict: Verdict
     rules: tuple[Rule, ...]
 
     def rules_as_dicts(self) -> list[dict[str, object]]:
-        """Return the form of `manifest.verdict_rules`."""
+        """Return the rules as in `manifest.verdict_rules`."""
         return [rule.as_dict() for rule in self.rules]
 
 
@@ -134,7 +134,7 @@ def _all_rules(
 
 @dataclass(frozen=True, slots=True)
 class _Settings:
-    """What the table of settings shows of all stations, which is read for all of them together."""
+    """The table of settings of all stations, read once."""
 
     outcomes: Mapping[str, Outcomes]
     ordered: set[tuple[str, int]]

@@ -1,5 +1,5 @@
-"""Copies of a run that were made while it was open, as backups are: another manifest, and nothing
-that anybody changed.
+"""Copies of a run that were made while it was open, as backups are: with another manifest, but not
+tampered with.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ FROM_THE_START: Final = (
     *("run", "schema", "rules", "started", "t0_mono", "t0_utc", "line", "recipes", "metadata"),
     *("host", "rate", "previous"),
 )
-"""What a recorder writes into the manifest at the start and never changes."""
+"""Fields of the manifest that a recorder writes at the start and never changes."""
 
 
 def was_open(copy: Copy) -> bool:
-    """Whether a copy is the run that counts as it was before it was sealed: the start is the same,
-    and its events are the first ones of that run. Each event has the hash of the one before it, so
-    no other record has the same.
+    """Whether a copy is the counting run as it was before it was sealed: the start is the same, and
+    its events are the first ones of that run. Each event has the hash of the one before it, so no
+    other record has the same events.
 
-    False where one of the two cannot be read.
+    False if one of the two cannot be read.
     """
     from jbclog.analysis.run import open_run
 

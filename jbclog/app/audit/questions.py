@@ -28,8 +28,7 @@ from jbclog.session.manual.contact import PORTS, WHOLE_STATION, Contact, Place, 
 from jbclog.transport.read_only import OnlyReads
 
 # -- harmless reads --------------------------------------------------------------------------------
-# A port of an audit passes reads only, without those that change something (R-TA clears the alarm
-# flags).
+# The port of an audit passes only reads that change nothing (R-TA clears the alarm flags).
 
 
 def harmless_for(family: Family | None) -> OnlyReads:
@@ -59,7 +58,9 @@ NO_TIME: Final = "no time left for it"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The values read and the confirmed one. Without it and `why`, no two readings were equal."""
+    """Values read and the confirmed one. If it is None and there is no `why`, no two readings were
+    equal.
+    """
 
     given: tuple[Value, ...] = ()
     value: Value | None = None
@@ -68,7 +69,7 @@ class Answer:
 
 @dataclass(slots=True)
 class StationReader:
-    """One station, read until `until` (monotonic seconds); `over`: why it cannot be read."""
+    """Reads one station until `until` (monotonic seconds); `over`: why it cannot be read."""
 
     contact: Contact
     until: float
@@ -116,7 +117,7 @@ class SurveyTarget:
     since: str | None = None
 
     def unseen(self, time: str, why: str) -> Observation:
-        """Return the observation that it was not read at `time`, and why."""
+        """Return an observation without a reading at `time`, for the reason `why`."""
         name, url = self.target.name, self.target.url
         return Observation(
             time, self.audit, self.line, name, url, False, why.removeprefix(f"{name}: ")
@@ -125,8 +126,6 @@ class SurveyTarget:
 
 @dataclass(slots=True)
 class _Seen:
-    """The values read so far."""
-
     reader: StationReader
     ports: list[int] = field(default_factory=list)
     tools: dict[int, int] = field(default_factory=dict)
@@ -141,8 +140,8 @@ class _Seen:
 
 
 def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observation]:
-    """Read the station; the observation has the reason for each value that is missing. `utc_of`
-    converts monotonic times to UTC.
+    """Read the station; the observation has the reason for each missing value. `utc_of` converts
+    monotonic times to UTC.
 
     Raises `StartRefused` if no usable station answers, and `LinkError` if there is no port.
     """
@@ -185,7 +184,9 @@ def _everything(seen: _Seen) -> Steps[None]:
 
 
 def _find_ports(seen: _Seen) -> Steps[None]:
-    """Find the ports and their tools: those of the line file or family, or those answering R-CT."""
+    """Find the ports and their tools: those of the line file or family, else those answering
+    R-CT.
+    """
     known, command = seen.reader.contact.ports, seen.family.command_of("tool")
     for port in known or PORTS:
         tool = (
@@ -241,7 +242,9 @@ def _find_errors(seen: _Seen) -> Steps[None]:
 
 
 def _omega_state(reader: StationReader) -> Steps[str | None]:
-    """Return what OMEGA has in place of errors: whether there is solder, whether it is ready."""
+    """Return the state of an OMEGA, which has no errors: whether there is solder and it is
+    ready.
+    """
     texts = []
     for name in ("information", "temperature_control"):
         value = (yield from reader.twice(reader.contact.family.commands[name])).value
@@ -261,7 +264,7 @@ def _find_parameters(seen: _Seen) -> Steps[None]:
 
 
 def is_parameter(command: Command) -> bool:
-    """Whether this setting does not change from job to job and can be read without a number."""
+    """Whether a setting does not change from job to job and can be read without a number."""
     is_set = command.access == "rw" or (command.readable and command.name in READ_ONLY)
     is_kept = command.name not in OF_THE_JOB and not command.name.startswith(SELECTED)
     return (

@@ -1,4 +1,6 @@
-"""What the records of runs give an audit: counters of a run in progress, errors, verifications."""
+"""Data for an audit from the records of runs: counters of a run in progress, errors,
+verifications.
+"""
 
 from __future__ import annotations
 
@@ -72,13 +74,13 @@ SHOWN: Final = 3
 Place = tuple[str, str]
 """Line and station."""
 Events = Mapping[str, int]
-"""How many of each kind."""
+"""Number of events of each kind."""
 
 
 @dataclass(slots=True)
 class PastRuns:
-    """The errors of each station in the runs of a folder up to `until`. `trouble` lists what cannot
-    be read, `notices` what is in order.
+    """Errors of each station in the runs of a folder up to `until`. `trouble` lists records that
+    cannot be read, `notices` what is worth knowing.
     """
 
     until: str = ""
@@ -112,7 +114,7 @@ class PastRuns:
 
 
 def counted_to(audit: str) -> str:
-    """Return up to when the audit that began at `audit` counts errors."""
+    """Return the time up to which the audit that began at `audit` counts errors."""
     return utc_ms(datetime.fromisoformat(audit) - LAG)
 
 
@@ -147,14 +149,14 @@ def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> list[Foun
             found.append(run)
     counted, copies = once(found)
     past.folders.update(Path(os.path.realpath(one.folder)) for one in copies)
-    _say_others([one for one in copies if not one.is_same], past)
+    _report_other_copies([one for one in copies if not one.is_same], past)
     past.trouble += [f"{one.folder}: {one.why}" for one in unreadable[:SHOWN]]
     if len(unreadable) > SHOWN:
         past.trouble.append(f"{folder}: {len(unreadable) - SHOWN} other runs cannot be read")
     return counted
 
 
-def _say_others(copies: list[Copy], past: PastRuns) -> None:
+def _report_other_copies(copies: list[Copy], past: PastRuns) -> None:
     """A copy with another manifest is a trouble, unless it was made while the run was open."""
     early = [one for one in copies[:MOST_COPIES] if was_open(one)]
     past.notices += [
@@ -197,7 +199,7 @@ def _is_within(found: Found, since: str, until: str) -> bool:
 
 
 def _has_rows(run: Run, station: str, since: str) -> bool:
-    """Whether a record that has no end, because the recorder died, continues after `since`."""
+    """Whether a record without an end, because the recorder died, continues after `since`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return any(
@@ -206,7 +208,9 @@ def _has_rows(run: Run, station: str, since: str) -> bool:
 
 
 def error_events(run: Run, station: str, since: str | None, until: str) -> Events:
-    """Return a station's errors in a run's record by kind, from `since` (included) to `until`."""
+    """Return kind -> number of a station's errors in a run's record, from `since` (included) to
+    `until`.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # `check` reports damage to a record
         events = run.events(station, start=since, stop=until)
@@ -223,8 +227,6 @@ NOW: Final = timedelta(minutes=2)  # errors read before that are not current
 
 
 class _CounterRow(NamedTuple):
-    """A row of `counters`."""
-
     time: datetime
     port: int
     counter: str
@@ -248,7 +250,7 @@ class _Record:
 
 def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observation:
     """Return the station as recorded by the run in `folder`. `seen` is false, with the reason, if
-    it has no counters of it yet.
+    there are no counters of it yet.
     """
     source = f"run:{folder}"
     try:
@@ -348,7 +350,6 @@ def _number(value: float | None) -> float | None:
 
 
 def _parameters(record: _Record) -> Iterator[tuple[str, str]]:
-    """Yield each setting as last read."""
     commands = {} if record.family is None else record.family.commands
     rows = record.run.settings(record.facts.name)
     for port, setting, readback in rows[["port", "setting", "readback"]].itertuples(
@@ -389,11 +390,11 @@ def _errors(record: _Record, wanted: SurveyTarget) -> Errors:
 # the ledger.
 
 TASK: Final = "verification"
-"""The task that verifications carry out."""
+"""The task of verifications."""
 
 
 def verified(runs: Path, places: Iterable[Place]) -> tuple[list[Fact], list[str]]:
-    """Return the last valid verification of each port of these stations, and what is wrong with the
+    """Return the last valid verification of each port of these stations, and the errors of the
     file. Never raises.
 
     The file has only the names of stations: if two lines have the same name, a verification counts

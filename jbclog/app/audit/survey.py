@@ -43,8 +43,8 @@ Observed = Callable[[Observation], object]
 
 
 class Survey:
-    """The reads of one audit. `stop` ends them within one response time; earlier observations have
-    been passed on.
+    """The reads of one audit. `stop` ends them within one response time; observations made before
+    are already reported.
     """
 
     def __init__(self, at_once: int = AT_ONCE, access: PortAccess = SYSTEM) -> None:
@@ -54,7 +54,7 @@ class Survey:
         self._done: queue.SimpleQueue[Observation | None] = queue.SimpleQueue()
 
     def stop(self) -> None:
-        """Stop. May be called from anywhere, a signal handler included."""
+        """Stop reading. Safe to call from anywhere, including a signal handler."""
         self._stop.set()
 
     @property
@@ -87,11 +87,11 @@ class Survey:
                 if self.is_stopped:
                     break
                 with suppress(RunEnded):
-                    self._done.put(self._surely(wanted))
+                    self._done.put(self._read_safely(wanted))
         finally:
             self._done.put(None)
 
-    def _surely(self, wanted: SurveyTarget) -> Observation:
+    def _read_safely(self, wanted: SurveyTarget) -> Observation:
         """Read one station; an internal error must not end the reads of the others."""
         try:
             return self._look(wanted)
@@ -118,12 +118,12 @@ class Survey:
             return wanted.unseen(self.utc(), str(error))
         if "://" not in wanted.target.url:
             return seen  # the lock of the port excludes runs
-        # it may have begun meanwhile, behind a server that accepts two clients
+        # a run may have begun meanwhile, behind a server that accepts two clients
         run = run_that_holds(wanted.target.url)
         return seen if run is None else self._in_run(run, wanted)
 
     def _in_run(self, run: Path, wanted: SurveyTarget) -> Observation:
-        from jbclog.app.audit.records import observed_in  # loads pandas, which only this needs
+        from jbclog.app.audit.records import observed_in  # imports pandas, which only this needs
 
         return observed_in(run, wanted, self.access.now())
 
@@ -145,7 +145,7 @@ class Survey:
 
 
 def _by_port(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
-    """Group the targets behind one port, in their order."""
+    """Group the targets behind one port, in order."""
     groups: list[tuple[PortAddress, list[SurveyTarget]]] = []
     for one in wanted:
         place = port_address(one.target.url)
@@ -159,7 +159,7 @@ def _by_port(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
 
 def _open(wanted: SurveyTarget, access: PortAccess) -> Port:
     """Open the port for harmless reads. Refuses a port that another program has open, because that
-    would lose its answers.
+    program would lose its answers.
     """
     target = wanted.target
     sharers = sharers_of(target.url)

@@ -1,4 +1,4 @@
-"""A queue of jobs: start each when it is its turn, follow it, resume where the batch was stopped.
+"""A queue of jobs: starts each job when it is due, follows it, and resumes a stopped batch.
 
 Start with `executor.py`, then `state.py`; `processes.py` starts jobs and `child.py` is one of them.
 """

@@ -1,8 +1,8 @@
-"""A job in its own process: ``python -m jbclog.app.batch.child JOB_DIR DESCRIPTOR``. It does what
-`jbclog run` does.
+"""A job in its own process: ``python -m jbclog.app.batch.child JOB_DIR DESCRIPTOR``. Does the same
+as `jbclog run`.
 
-It inherits the open descriptor of its lock and reports progress and result in its job's folder. It
-is in its own session, so the end of the executor or of the terminal does not reach it.
+Inherits the open descriptor of its lock, and reports progress and result in the job's folder. Runs
+in a session of its own, so that the end of the executor or of the terminal does not reach it.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ REASONS_MOST: Final = 3  # the manifest and the report have all of them
 
 
 class JobObserver:
-    """Writes progress and events to the job's folder, in a thread: a disk that hangs must not hold
-    the run.
+    """Writes progress and events to the job's folder in a thread, so that a hanging disk does not
+    delay the run.
 
-    Only the run's folder is written at once, because it must be known before any station is
+    Only the run's folder is written synchronously, because it must be known before any station is
     touched.
     """
 
@@ -119,7 +119,7 @@ class JobObserver:
         while (write := self._waiting.get()) is not None:
             try:
                 write()
-            except Exception:  # progress that is not shown ends no run
+            except Exception:  # a failure to show progress must not end the run
                 self._dropped += 1
 
 

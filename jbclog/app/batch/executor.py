@@ -1,6 +1,6 @@
-"""Carries out a batch: decide what comes next, write it to the journal, then do it, in this order.
+"""Carries out a batch: decide the next action, write it to the journal, do it, in this order.
 
-A kill at any moment leaves a journal with every decision; the records of the attempts show how far
+After a kill at any moment the journal has every decision; the records of the attempts show how far
 each one came.
 """
 
@@ -31,7 +31,7 @@ LOOK_EVERY_S: Final = 0.2
 
 
 class BatchObserver(Protocol):
-    """Follows the progress of a batch, and cannot change it."""
+    """Observes the progress of a batch; cannot change it."""
 
     def started(self, job: JobState) -> None: ...
 
@@ -60,7 +60,7 @@ class NullObserver:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """The current time in seconds since 1970 UTC, and a pause."""
+    """Clock (seconds since 1970 UTC) and sleep."""
 
     utc: Callable[[], float]
     pause: Callable[[], None]
@@ -92,13 +92,14 @@ class BatchExecutor:
         return self._journal.state
 
     def interrupt(self, number: signal.Signals) -> None:
-        """Start no more jobs; end running ones in good order. A second signal has no effect."""
+        """Start no more jobs and end running ones in good order. A second signal has no effect."""
         if self._signal is None:
             self._signal = number
 
     def discard(self) -> None:
-        """Close the batch permanently; a new one starts in its place. Raises `UsageError` while one
-        of its jobs runs.
+        """Close the batch permanently; a new one starts in its place.
+
+        Raises `UsageError` while one of its jobs is running.
         """
         running = self.settle()
         if running:
@@ -110,7 +111,7 @@ class BatchExecutor:
 
     def work(self) -> Exit:
         """Carry out the batch as far as possible; return the exit code of the whole batch."""
-        self._take_up()
+        self._follow_running()
         while self._step():
             self._timing.pause()
         self._close()
@@ -118,8 +119,10 @@ class BatchExecutor:
 
     # -- start -------------------------------------------------------------------------------------
 
-    def _take_up(self) -> None:
-        """Follow the previous executor's jobs that still run, and record the others' results."""
+    def _follow_running(self) -> None:
+        """Follow the previous executor's jobs that still run, and record the results of the
+        others.
+        """
         self.settle()
         self._note(
             EntryKind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started."
@@ -128,7 +131,9 @@ class BatchExecutor:
             self._observer.message(f"{job.name} still runs, and is followed")
 
     def settle(self) -> list[str]:
-        """Write down results of jobs ended since the last executor; return those that still run."""
+        """Record the results of jobs that ended since the last executor; return those still
+        running.
+        """
         running = self.state.running()
         for job in running:
             if not self._processes.runs(*_attempt(job)):
@@ -209,7 +214,7 @@ class BatchExecutor:
             self._observer.started(job)
 
     def _end(self, job: JobState, result: AttemptResult, *, is_old: bool = False) -> None:
-        """Write down the result of an attempt, and whether a resumed batch starts the job again."""
+        """Record the result of an attempt, and whether a resumed batch starts the job again."""
         self._journal.note(
             Entry(
                 "",

@@ -1,9 +1,9 @@
-"""One attempt at a job: its row in the batch's store, its folder, and the serial that it leaves to
-the next job.
+"""One attempt at a job: its row in the batch's store, its folder, and the serial handed over to the
+next job.
 
 The folder has what a database cannot hold: the lock, held by the job's process for its lifetime and
-taken by whoever starts it before there is a process, and the output of the process. So a job is
-never started twice, and everybody can see that it runs.
+taken by its parent before the process exists, and the output of the process. So a job is never
+started twice, and anyone can see that it is running.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class PortProgress:
 
 @dataclass(frozen=True, slots=True)
 class JobProgress:
-    """The progress of a job, written each second. `away`: disconnected stations. `units`: finished
-    so far; `unit`: on the bench.
+    """Progress of a job, written every second. `away`: disconnected stations. `units`: finished so
+    far; `unit`: on the bench.
 
     `due`, `obtained`: readings that count for the coverage. `joints`: found so far; None if not
     counted or not known.
@@ -69,7 +69,7 @@ _build_job_progress: Final = builder(JobProgress)
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """The exit code of a job, and its findings, the most severe first."""
+    """Exit code of a job, and its findings, the most severe first."""
 
     exit_code: int
     verdict: str | None = None
@@ -81,8 +81,8 @@ _build_job_result: Final = builder(JobResult)
 
 
 class JobDir:
-    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``. `store` is the one of the batch,
-    opened if None.
+    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``. `store` is that of the batch, opened
+    if None.
     """
 
     def __init__(self, folder: Path, store: BatchStore | None = None) -> None:
@@ -92,7 +92,9 @@ class JobDir:
     # -- the executor ------------------------------------------------------------------------------
 
     def make(self, spec: bytes) -> int:
-        """Make the folder, write what to do, and return its lock, taken. Raises OSError."""
+        """Create the folder, write the job's specification, and return its lock, taken. Raises
+        `OSError`.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
         self._set(spec=spec)
         descriptor = open_to_write(self.folder / LOCK, Kind.LOCK)
@@ -104,11 +106,11 @@ class JobDir:
         return descriptor
 
     def notes(self) -> BinaryIO:
-        """Open the file for the output of the process. Raises OSError."""
+        """Open the file for the output of the process. Raises `OSError`."""
         return os.fdopen(open_to_write(self.folder / NOTES, Kind.JOB, appends=True), "ab")
 
     def is_running(self) -> bool:
-        """Return whether the job's process is alive. It has made its lock a file."""
+        """Return whether the job's process is alive, by the lock that it holds."""
         try:
             return is_locked(self.folder / LOCK)
         except NotReadable:
@@ -123,7 +125,7 @@ class JobDir:
     # -- the job -----------------------------------------------------------------------------------
 
     def spec(self) -> bytes:
-        """Return what the job is to do. Raises OSError."""
+        """Return the job's specification. Raises `OSError`."""
         spec = self._get("spec")
         if not isinstance(spec, bytes):
             raise FileNotFoundError(f"{self.store.path} does not have {self.folder.name}")
@@ -135,20 +137,22 @@ class JobDir:
         os.pwrite(descriptor, str(os.getpid()).encode(), 0)
 
     def set_run(self, run: Path) -> None:
-        """Write the folder of its run, before any station is touched. Raises OSError."""
+        """Write the folder of its run, before any station is touched. Raises `OSError`."""
         self._set(run=json.dumps({"run": str(run.absolute())}))
 
     def set_progress(self, progress: JobProgress) -> None:
-        """Write the progress, not synced: after a power cut it is worthless. Raises OSError."""
+        """Write the progress, not synced: after a power cut it is worthless. Raises `OSError`."""
         self._set(synced=False, progress=json.dumps(asdict(progress)))
 
     def add_event(self, event: EventRow) -> None:
-        """Add an event of its run to show, not synced: the run's record has it. Raises OSError."""
+        """Add an event of its run for display, not synced: the run's record has it. Raises
+        `OSError`.
+        """
         with self.store.transaction(synced=False) as db:
             db.execute(ADD_EVENT, (self.folder.name, json.dumps(event)))
 
     def set_result(self, result: JobResult) -> None:
-        """Write the result. Raises OSError."""
+        """Write the result. Raises `OSError`."""
         self._set(result=json.dumps(asdict(result)), ended=time.time())
 
     # -- readers -----------------------------------------------------------------------------------
@@ -165,13 +169,13 @@ class JobDir:
         return JobProgress()
 
     def result(self) -> JobResult | None:
-        """Return its result; None if it wrote none."""
+        """Return its result, or None."""
         with contextlib.suppress(ValueError):
             return _build_job_result(self._json("result"))
         return None
 
     def ended_at(self) -> float | None:
-        """Return when it wrote its result, seconds since 1970; None if it wrote none."""
+        """Return when its result was written, seconds since 1970; None without a result."""
         with contextlib.suppress(OSError):
             ended = self._get("ended")
             return ended if isinstance(ended, float) else None
@@ -223,7 +227,7 @@ class JobDir:
         return rows[0][0] if rows else None
 
     def _set(self, *, synced: bool = True, **values: object) -> None:
-        """Write columns of the attempt's row, which the first write makes."""
+        """Write columns of the attempt's row, which the first write creates."""
         with self.store.transaction(synced=synced) as db:
             db.execute("INSERT OR IGNORE INTO attempt (name) VALUES (?)", (self.folder.name,))
             for column, value in values.items():
@@ -260,7 +264,7 @@ FEED: Final = (
 
 
 class PrefixedSource(LineSource):
-    """A source that first returns a serial which was already read from it."""
+    """A source that first returns a serial already read from it."""
 
     def __init__(self, source: LineSource, serial: str) -> None:
         self.name = source.name

@@ -33,7 +33,7 @@ _TAG: Final = re.compile(r"--tag (\S+)=…")
 
 @dataclass(frozen=True, slots=True)
 class JobSpec:
-    """A job, its source of unit serials, and the serial that was already read from it."""
+    """A job, its source of unit serials, and the serial already read from it."""
 
     job: Job
     units_from: str | None = None
@@ -42,7 +42,7 @@ class JobSpec:
 
 @dataclass(frozen=True, slots=True)
 class BatchPlan:
-    """The jobs of a jobs file in its order: a spec and a turn for each, and notes for the user."""
+    """The jobs of a jobs file in order: a spec and a turn for each, and notes for the user."""
 
     file: JobsFile
     line: Line
@@ -53,7 +53,7 @@ class BatchPlan:
 
 
 def plan_batch(file: JobsFile, out: Path) -> BatchPlan:
-    """Return the jobs, which record below `out`. Raises `Problems` with all problems (exit 2)."""
+    """Plan the jobs, which record below `out`. Raises `Problems` with all problems (exit 2)."""
     line = load_line(file.line)
     problems: list[Problem] = []
     planned: list[Problem] = []
@@ -134,7 +134,7 @@ def _rate(value: object) -> float | str | None:
 
 
 def _plan(file: JobsFile, place: int, spec: JobSpec, problems: list[Problem]) -> Plan | None:
-    """Return the plan of a job; adds its problems, each with its place in the jobs file."""
+    """Plan a job; add its problems, each with its place in the jobs file."""
     source = spec.units_from
     if source is not None and is_plain_file(source):
         text = (
@@ -170,7 +170,7 @@ def in_keys(text: str) -> str:
 
 
 def _each_once(problems: list[Problem]) -> list[Problem]:
-    """Keep the first of equal problems: a recipe's mistake shows in each job with it."""
+    """Keep the first of equal problems: a mistake in a recipe appears in each job that uses it."""
     first: dict[str, Problem] = {}
     for problem in problems:
         first.setdefault(problem.text, problem)

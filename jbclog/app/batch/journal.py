@@ -82,7 +82,7 @@ class Journal:
 
 
 def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
-    """Make the folder of a new batch with a copy of the jobs file. Raises `RecordError`."""
+    """Create the folder of a new batch with a copy of the jobs file. Raises `RecordError`."""
     folder = home / datetime.fromtimestamp(utc(), UTC).strftime(STAMP)
     try:
         while folder.exists():  # two within a second
@@ -96,8 +96,9 @@ def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
 
 
 def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
-    """Return the latest batch that has begun; imports one of an earlier release that is not
-    finished. Raises `RecordError`.
+    """Return the latest batch that has begun; imports an unfinished one of an earlier release.
+
+    Raises `RecordError`.
     """
     for folder in sorted(
         (path for path in home.glob("*Z*") if path.is_dir()),
@@ -146,7 +147,7 @@ def _chain(lines: list[bytes]) -> LineChain[Entry]:
 
 
 def _old_lines(folder: Path) -> list[bytes]:
-    """Return the lines of an earlier release's journal, without a last one that a crash cut off."""
+    """Return the lines of an earlier release's journal, without a last line cut off by a crash."""
     data = read_foreign(folder / OLD_JOURNAL, Kind.JOURNAL)
     lines = lines_in(data)
     is_torn = bool(lines) and not data.endswith(b"\n") and parsed(lines[-1]) is None
@@ -190,7 +191,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def parsed(line: bytes) -> Entry | None:
-    """Return the entry in a line; None if it has none, or is not as this program writes it."""
+    """Return the entry in a line; None if there is none, or if this program did not write it so."""
     try:
         entry = _build_entry(fields_of(line))
         return entry if _line(entry) == line else None

@@ -33,9 +33,9 @@ ENDED_BY: Final = {
     signal.SIGTERM: Exit.TERMINATED,
     signal.SIGHUP: Exit.TERMINATED,
 }
-ATTEMPT: Final = "attempt"  # a tag of the run
+ATTEMPT: Final = "attempt"  # tag of the run
 CUT_SHORT: Final = (Exit.INTERRUPTED.value, Exit.TERMINATED.value)
-RECOVERING_MOST: Final = 4  # at once
+RECOVERING_MOST: Final = 4  # recoveries at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +64,13 @@ class Processes(Protocol):
         """Return whether its process is alive."""
 
     def run(self, name: str, attempt: int) -> str | None:
-        """Return the name of its run's folder once there is one."""
+        """Return the name of its run's folder, or None before it exists."""
 
     def request_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
         """Ask it to end in good order; False if it cannot take signals yet."""
 
     def result(self, name: str, attempt: int) -> AttemptResult | None:
-        """Return the result of an attempt that has ended; None while it is being evaluated."""
+        """Return the result of an attempt that has ended; None while it is evaluated."""
 
 
 class SystemProcesses:
@@ -219,7 +219,7 @@ def result_of(
     if reported is None:
         with suppress(RecordError):
             recover(run)  # sealed, but the process may have died before it removed the live store
-    if ended.exit_status == Status.LOST:  # recovered by somebody else
+    if ended.exit_status == Status.LOST:  # recovered by another process
         code = ended.exit_code or RecordError.exit_code
         return AttemptResult(State.HALF, code, "its process died while it ran", run, ended.verdict)
     if reported is not None:
@@ -229,7 +229,7 @@ def result_of(
 
 def tagged(spec: JobSpec, job_dir: JobDir) -> JobSpec:
     """Return the job with its attempt as a tag of the run, by which the run is found even if the
-    job's folder lacks its name.
+    job's folder does not name it.
     """
     options = spec.job.wanted
     metadata = options.metadata or Metadata()
@@ -243,7 +243,7 @@ def _attempt(job_dir: JobDir) -> str:
 
 
 def _tagged_run(job_dir: JobDir) -> Path | None:
-    """Return the run of a process that died between making the run's folder and reporting it."""
+    """Return the run of a process that died between creating the run's folder and reporting it."""
     try:
         out = SPEC.validate_json(job_dir.spec()).job.out
         found = find(out, Filter(tags={ATTEMPT: _attempt(job_dir)}))

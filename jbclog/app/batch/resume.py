@@ -59,7 +59,7 @@ class PreparedBatch:
 def prepare(
     plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: bool, anew: bool
 ) -> PreparedBatch:
-    """Return the batch of this jobs file below `out`, whose lock the caller holds (`hold`).
+    """Return the batch of this jobs file below `out`; the caller holds its lock (`hold`).
 
     Raises `UsageError` if the jobs file has changed since an unfinished batch began, or if there is
     none to resume; `Problems` if a date has passed; `RecordError`.
@@ -128,7 +128,7 @@ def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
 
 
 def _expect_same(plan: BatchPlan, journal: Journal) -> None:
-    """Raise `UsageError` if the jobs file differs from the one of the unfinished batch."""
+    """Raise `UsageError` if the jobs file differs from that of the unfinished batch."""
     file, before = plan.file, journal.state
     kept = journal.folder / JOBS_FILE
     way = (
@@ -147,7 +147,6 @@ def _expect_same(plan: BatchPlan, journal: Journal) -> None:
 
 
 def _changes(before: dict[str, str], now: dict[str, str]) -> Iterator[str]:
-    """Yield a sentence for each difference."""
     for name in [*before, *(name for name in now if name not in before)]:
         if name not in now:
             yield f"job {name} was removed"

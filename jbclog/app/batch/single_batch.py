@@ -1,4 +1,4 @@
-"""Locks that allow one executor for a jobs file; the system releases them at their holder's end."""
+"""Locks that allow one executor per jobs file; the system releases them when their holder ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The state of a batch by its journal, and which jobs may start now."""
+"""The state of a batch from its journal, and which jobs may start now."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class EntryKind(StrEnum):
     """The kind of a journal entry."""
 
     BEGIN = "begin"  # the batch: its jobs file
-    JOB = "job"  # one job: its settings and its start time
+    JOB = "job"  # a job: its settings and its start time
     # a process carries out the batch; jobs that were cut off or held back are open again
     EXECUTION = "sitting"
     START = "start"  # a job is about to be started
@@ -35,7 +35,7 @@ class State(StrEnum):
     WAITING = "waiting"
     RUNNING = "running"
     DONE = "done"
-    NOT_FINE = "not fine"  # done and recorded, with a verdict or alarms that are not fine
+    NOT_FINE = "not fine"  # recorded, with a verdict or alarms that are not fine
     FAILED = "failed"
     HALF = "half done"
     SKIPPED = "skipped"
@@ -43,12 +43,12 @@ class State(StrEnum):
 
 OVER = frozenset({State.DONE, State.NOT_FINE, State.FAILED, State.HALF, State.SKIPPED})
 RECORDED = frozenset({State.DONE, State.NOT_FINE})
-"""The run is complete, and so is its record. Such a job is never repeated."""
+"""The run and its record are complete. Such a job is never repeated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An entry of the journal. Fields that do not belong to its kind are None.
+    """An entry of the journal. Fields that its kind does not have are None.
 
     `text` is for people. `again`: a resumed batch starts the job again. `asked`: the job's table in
     the jobs file, as JSON.
@@ -139,7 +139,7 @@ class BatchState:
         return any(not job.is_over or _is_again(job) for job in self.jobs.values())
 
     def take(self, entry: Entry) -> None:
-        """Apply one more entry of the journal."""
+        """Apply the next entry of the journal."""
         self.last = entry.time
         if entry.kind == EntryKind.BEGIN:
             self.begun, self.file = entry.time, entry.asked or ""
@@ -229,7 +229,7 @@ class Waits:
 
 @dataclass(frozen=True, slots=True)
 class Next:
-    """The jobs that can start now, those to skip with the reason, and those that wait."""
+    """Jobs that can start now, jobs to skip with the reason, and jobs that wait."""
 
     begin: tuple[str, ...] = ()
     skip: tuple[tuple[str, str], ...] = ()
@@ -239,8 +239,8 @@ class Next:
 def next_jobs(turns: Sequence[Turn], batch: BatchState, now: float) -> Next:
     """Return what comes next at `now` (seconds since 1970 UTC). `turns` are ordered by `in_turn`.
 
-    A stopped batch starts and skips no more jobs. Jobs to skip come alone, because they can change
-    the state of others.
+    A stopped batch starts and skips no more jobs. Jobs to skip are returned alone, because they can
+    change the state of others.
     """
     if batch.stopped_by is not None or batch.ended_by is not None:
         return Next()

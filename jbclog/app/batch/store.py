@@ -2,12 +2,12 @@
 
 The rules:
 
-1. What `transaction` wrote is synced when it returns, except with ``synced=False``: after a power
-   cut the store is consistent, and such rows may be missing.
+1. A `transaction` is synced when it returns, except with ``synced=False``: after a power cut the
+   store is consistent, and such rows may be missing.
 2. Several processes write, the executor and each job. A transaction is a few statements; others
    wait for it, `BUSY_S` at most. A process killed in a transaction leaves nothing of it.
-3. SQLite does not detect a row that was changed or deleted. The lines of the journal are chained by
-   their hashes, so they do.
+3. SQLite does not detect a row that was changed or deleted. The hash chain of the journal's lines
+   does.
 4. A batch of an earlier release has files in place of the store. They are read, and `import_files`
    copies them once the batch is resumed.
 """
@@ -29,7 +29,8 @@ from jbclog.core.foreign.files import LIMITS, Kind, expect_regular, read_foreign
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0
-MOST_ROWS: Final = 100_000  # of one query; a thousand jobs, each started ten times, take 40 000
+# rows of one query; a thousand jobs, each started ten times, take 40 000
+MOST_ROWS: Final = 100_000
 COLUMNS: Final = {
     "journal": ("number", "line"),
     "attempt": ("name", "spec", "run", "progress", "result", "ended"),
@@ -51,8 +52,8 @@ ADD_EVENT: Final = "INSERT INTO event (attempt, line) VALUES (?, ?)"
 
 
 class BatchStore:
-    """The store in the folder of a batch, opened when it is first used. Callers may be in any
-    thread. Methods raise OSError.
+    """The store in the folder of a batch, opened at first use. Thread-safe. Methods raise
+    `OSError`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -61,7 +62,7 @@ class BatchStore:
         self._using = threading.RLock()
 
     def rows(self, sql: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of a query, at most `MOST_ROWS`; none where no store exists."""
+        """Return the rows of a query, at most `MOST_ROWS`; none if there is no store."""
         with self._using, _as_os_error():
             if self._db is None and not self.path.exists():
                 return []
@@ -72,10 +73,10 @@ class BatchStore:
 
     @contextmanager
     def transaction(self, *, synced: bool = True) -> Iterator[Database]:
-        """Write in one transaction, all of it or nothing."""
+        """Write in one transaction."""
         with self._using, _as_os_error():
             db = self._opened()
-            if db.in_transaction:  # its end failed
+            if db.in_transaction:  # the end of the transaction failed
                 db.execute("ROLLBACK")
             db.within()
             db.execute(f"PRAGMA synchronous = {'FULL' if synced else 'NORMAL'}")
@@ -124,7 +125,7 @@ def _create(db: Database) -> None:
 
 @contextmanager
 def _as_os_error() -> Iterator[None]:
-    """A store that fails is handled as a file that fails."""
+    """Raise errors of SQLite as `OSError`."""
     try:
         yield
     except sqlite3.Error as error:
@@ -139,7 +140,7 @@ _ADD_ATTEMPT: Final = "INSERT INTO attempt (name, spec, run, result, ended) VALU
 
 
 def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) -> None:
-    """Copy an old journal and its attempts' files, once, in one transaction. Raises OSError."""
+    """Copy an old journal and its attempts' files, once, in one transaction. Raises `OSError`."""
     with store.transaction() as db:
         if db.execute("SELECT 1 FROM journal LIMIT 1").fetchone():
             return

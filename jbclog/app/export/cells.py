@@ -1,5 +1,5 @@
-"""Rows as spreadsheets and CSV readers take them: times as text in UTC, and no text that is
-evaluated as a formula.
+"""Rows for spreadsheets and CSV readers: times as text in UTC, and no text that is evaluated as a
+formula.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ import pyarrow.compute as pc
 
 from jbclog.core.text import csv_cell
 
-ISO: Final = "%Y-%m-%dT%H:%M:%SZ"  # of a time in microseconds: Arrow's seconds have six decimals
+# for times in microseconds: Arrow prints seconds with six decimals
+ISO: Final = "%Y-%m-%dT%H:%M:%SZ"
 
 
 def cells(piece: pa.Table) -> pa.Table:
-    """Return the rows with times in ISO 8601 and each text disarmed (`jbclog.core.text.csv_cell`);
-    numbers and flags stay.
+    """Return the rows with times in ISO 8601 and each text neutralised
+    (`jbclog.core.text.csv_cell`); numbers and flags are unchanged.
     """
-    columns = [_disarmed(_timed(column)) for column in piece.itercolumns()]
+    columns = [_escaped(_timed(column)) for column in piece.itercolumns()]
     return pa.table(columns, names=piece.column_names)
 
 
@@ -26,7 +27,7 @@ def _timed(column: pa.ChunkedArray) -> pa.ChunkedArray:
     return pc.strftime(column, format=ISO) if pa.types.is_timestamp(column.type) else column
 
 
-def _disarmed(column: pa.ChunkedArray) -> pa.ChunkedArray:
+def _escaped(column: pa.ChunkedArray) -> pa.ChunkedArray:
     if not pa.types.is_string(column.type):
         return column
     coded = column.combine_chunks().dictionary_encode()

@@ -1,5 +1,5 @@
-"""CSV: a file for each table as RFC 4180 has it, UTF-8 with a byte order mark, and
-`csv-metadata.json` with units and facts.
+"""CSV: a file per table (RFC 4180, UTF-8 with a byte order mark), and `csv-metadata.json` with
+units and facts.
 
 The metadata follow "Metadata Vocabulary for Tabular Data" (W3C Recommendation, 17 December 2015,
 sections 5.3 to 5.6).
@@ -19,7 +19,7 @@ from jbclog.app.export.cells import cells
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.text import BOM
 
-# the name that section 5 of "Model for Tabular Data and Metadata on the Web" gives it
+# the name required by "Model for Tabular Data and Metadata on the Web", section 5
 METADATA: Final = "csv-metadata.json"
 NAMESPACE: Final = "http://www.w3.org/ns/csvw"
 DATATYPES: Final[Mapping[pa.DataType, str]] = {
@@ -32,8 +32,10 @@ DATATYPES: Final[Mapping[pa.DataType, str]] = {
 
 
 def write(source: Source, folder: Path) -> dict[str, int]:
-    """Write the tables and their metadata into a new folder; return the rows of each table. Raises
-    OSError, RecordError.
+    """Write the tables and their metadata into a new folder; return the number of rows of each
+    table.
+
+    Raises `OSError`, `RecordError`.
     """
     folder.mkdir()
     rows = {table: _write_table(source, table, folder / f"{table}.csv") for table in source.tables}
@@ -55,7 +57,7 @@ def _write_table(source: Source, table: str, path: Path) -> int:
 
 
 def _write(piece: pa.Table, file: BinaryIO, *, header: bool) -> None:
-    """Write rows with the line ends of RFC 4180; a cell has none."""
+    """Write rows with the line ends of RFC 4180; no cell contains one."""
     sink = pa.BufferOutputStream()
     write_csv(cells(piece), sink, WriteOptions(include_header=header, quoting_style="needed"))
     file.write(sink.getvalue().to_pybytes().replace(b"\n", b"\r\n"))

@@ -2,8 +2,8 @@
 each other table.
 
 The master of a group is its time in seconds since the start of the file, which has a time in UTC.
-Where a value is not known, its invalidation bit is set (MDF 4.1, "Invalidation bits"); a reader
-that ignores these bits finds NaN or `-`.
+An unknown value has its invalidation bit set (MDF 4.1, "Invalidation bits"); a reader that ignores
+these bits finds NaN or `-`.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from jbclog.core.rows import SIGNAL_OF_COLUMN, StationFacts
 from jbclog.core.text import clean
 
 VERSION: Final = "4.10"
-HELD_ROWS: Final = 300_000  # of samples in memory, until each port's are written in one stretch
+HELD_ROWS: Final = 300_000  # rows of samples in memory, until each port's are written in one block
 TRANSPOSED_AND_DEFLATED: Final = 2
 MICROS: Final = "µs since 1970-01-01 UTC"
-NO_TEXT: Final = "-"  # of a null; readers take an empty text for none, and show a number
+NO_TEXT: Final = "-"  # stands for null; readers take an empty text for none, and show a number
 UTC_NAMES: Final = {"time": "time_utc"}  # `time` is the master
 MASTER: Final = {"alarms": "onset"}
-"""The column with the time of a row; `time` in other tables."""
+"""Column with the time of a row; `time` in other tables."""
 
 Values = NDArray[Any]
 Bits = NDArray[np.bool_]
@@ -41,10 +41,10 @@ Key = tuple[str, int]
 
 
 class Channel(Protocol):
-    """Turns a column into the values of a channel, piece by piece."""
+    """Converts a column to the values of a channel, piece by piece."""
 
     def values(self, column: pa.ChunkedArray) -> Values:
-        """Return a value for each row; any for a null."""
+        """Return a value for each row; any value for a null."""
 
     def conversion(self) -> Mapping[str, object] | None:
         """Return the conversion of all values so far."""
@@ -70,7 +70,7 @@ class Numbers:
 
 
 class Choices:
-    """Texts that recur, as their numbers from 1 and a table of the texts; 0: null."""
+    """Recurring texts, as their numbers from 1 and a table of the texts; 0: null."""
 
     def __init__(self) -> None:
         self._numbers: dict[str | None, int] = {None: 0}
@@ -87,7 +87,7 @@ class Choices:
 
     def conversion(self) -> Mapping[str, object]:
         texts = [(text or NO_TEXT).encode() for text in self._numbers]
-        texts += [NO_TEXT.encode()] * (2 - len(texts))  # mdfreader reads no table of one
+        texts += [NO_TEXT.encode()] * (2 - len(texts))  # mdfreader cannot read a table of one
         return {
             "default": NO_TEXT.encode(),
             **{f"val_{n}": n for n in range(len(texts))},
@@ -108,8 +108,8 @@ class Texts:
 
 
 class Group(NamedTuple):
-    """A channel group in the making: the fields of its channels, and its number once its first rows
-    are written.
+    """A channel group being written: the fields of its channels, and its number once it has
+    rows.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Group(NamedTuple):
 
     @classmethod
     def of(cls, name: str, comment: str, fields: Sequence[pa.Field], *, recur: bool) -> Group:
-        """Return a group without rows; its texts recur, or are each different."""
+        """Return a group without rows. `recur`: its texts recur, else each is different."""
         texts = Choices if recur else Texts
         return cls(
             clean(name),
@@ -131,7 +131,7 @@ class Group(NamedTuple):
         )
 
     def add(self, file: MDF, seconds: Values, rows: pa.Table) -> None:
-        """Write rows behind those written before."""
+        """Append rows."""
         pairs = [
             (channel.values(rows[one.name]), _bits(rows, one))
             for one, channel in zip(self.fields, self.channels, strict=True)
@@ -149,7 +149,7 @@ class Group(NamedTuple):
         self.number.append(number)
 
     def finish(self, file: MDF) -> None:
-        """Give the channels of recurring texts the table of all texts."""
+        """Add the table of all texts to the channels of recurring texts."""
         for place, channel in enumerate(self.channels, 1):  # 0 is the master
             table = channel.conversion()
             if table is not None and self.number:
@@ -158,7 +158,9 @@ class Group(NamedTuple):
 
 
 def write(source: Source, path: Path) -> dict[str, int]:
-    """Write an MDF file; return the rows of each table. Raises OSError, RecordError."""
+    """Write an MDF file; return the number of rows of each table. Raises `OSError`,
+    `RecordError`.
+    """
     file = MDF(version=VERSION, temporary_folder=str(path.parent))
     try:
         t0_us = source.run.manifest.t0_utc_us
@@ -168,7 +170,7 @@ def write(source: Source, path: Path) -> dict[str, int]:
         saved = file.save(path, overwrite=True, compression=TRANSPOSED_AND_DEFLATED)
     finally:
         file.close()
-    saved.replace(path)  # asammdf gives each file its own suffix
+    saved.replace(path)  # asammdf sets its own suffix
     return rows
 
 
@@ -189,7 +191,7 @@ def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
 
 
 def _write_joints(file: MDF, source: Source) -> int:
-    """Write a group for each port; joints of a port have one time axis."""
+    """Write a group for each port; the joints of a port have one time axis."""
     for station, port, rows in _ports_in(source.joints):
         group = Group.of(
             f"{station} port {port} joints", "joints", SCHEMA_OF["joints"], recur=False
@@ -199,7 +201,7 @@ def _write_joints(file: MDF, source: Source) -> int:
 
 
 class _Samples:
-    """The groups of all ports, and their rows until these are enough to be written."""
+    """The groups of all ports, and their rows until there are enough to write."""
 
     def __init__(self, source: Source, t0_us: int) -> None:
         self._facts = {facts.name: facts for facts in source.run.stations}
@@ -213,7 +215,7 @@ class _Samples:
             self._held.setdefault((station, port), []).append(rows)
 
     def write(self, file: MDF) -> None:
-        """Write the rows that are held."""
+        """Write the rows held."""
         for key, pieces in self._held.items():
             if key not in self._groups:
                 self._groups[key] = self._new(key)
@@ -254,8 +256,8 @@ def _write_samples(file: MDF, source: Source, t0_us: int) -> int:
 
 
 def _fields_of(facts: StationFacts | None) -> list[pa.Field]:
-    """Return the columns that a station's family can fill; all where that is not known. The group
-    names station and port.
+    """Return the columns that a station's family can fill, or all if the family is not known. The
+    name of the group has station and port.
     """
     fields = [field for field in SCHEMA_OF["samples"] if field.name not in ("station", "port")]
     if facts is None or not facts.signals:
@@ -266,7 +268,6 @@ def _fields_of(facts: StationFacts | None) -> list[pa.Field]:
 
 
 def _ports_in(rows: pa.Table) -> Iterator[tuple[str, int, pa.Table]]:
-    """Yield the rows of each port, in their order."""
     names = rows["station"].combine_chunks().dictionary_encode()
     ports = rows["port"].to_numpy()
     keys = np.stack([names.indices.to_numpy(zero_copy_only=False), ports])

@@ -1,4 +1,6 @@
-"""Where an export is written: whole or not at all, never into a run, over one only by `force`."""
+"""Where to write an export: whole or not at all, never into a run, over an existing one only with
+`force`.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,11 @@ from typing import Final
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError, UsageError
 
-OURS: Final = (".csv", ".dfq", ".json")  # what a folder that `force` replaces may hold
+OURS: Final = (".csv", ".dfq", ".json")  # files that a folder replaced by `force` may hold
 
 
 def expect_place(out: Path, run: Path, *, is_folder: bool, force: bool) -> None:
-    """Raise `UsageError` if nothing can or must be written to `out`; nothing was written then."""
+    """Raise `UsageError` if `out` cannot or must not be written, before anything is written."""
     real, real_run = Path(os.path.realpath(out)), Path(os.path.realpath(run))
     if real.is_relative_to(real_run):
         raise UsageError(
@@ -52,10 +54,10 @@ def _expect_replaceable(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def written(out: Path) -> Iterator[Path]:
-    """Yield a path beside `out` to write a file or folder to, which takes its place, synced, when a
-    `with` ends well.
+    """Yield a path beside `out` for a file or folder that replaces `out`, synced, if the `with`
+    block succeeds.
 
-    Whatever fails, nothing new is left. Raises `RecordError` where the disk does not take it.
+    After a failure nothing new is left. Raises `RecordError` if the disk refuses it.
     """
     real = Path(os.path.realpath(out))
     aside: Path | None = None
@@ -80,7 +82,7 @@ def _replace(new: Path, real: Path, aside: Path) -> None:
     if new.is_dir():
         sync_folder(new)
         if real.exists():
-            real.rename(aside / "replaced")  # a folder takes the place of an empty one only
+            real.rename(aside / "replaced")  # a rename replaces an empty folder only
     try:
         new.replace(real)
     except OSError:

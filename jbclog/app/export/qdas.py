@@ -1,10 +1,10 @@
 """Q-DAS: the features of joints as characteristics, a file (.dfq) for each port with tips.
 
-The format is the Q-DAS ASCII transfer format, V12 (2015), of the AQDEF working group:
-`Kxxxx/n TEXT` on a line, n the number of the characteristic; then a line for each joint,
-characteristics separated by the character 15, their fields by 20: value (K0001), attribute (K0002),
-time (K0004). Hexagon's pages "Defined contents K00xx" and "Defined contents K2xxx" repeat the
-contents of K0002, K0004 and K2004. docs/reference/export.md lists what is written.
+The format is the Q-DAS ASCII transfer format, V12 (2015), of the AQDEF working group: `Kxxxx/n
+TEXT` on a line, n the number of the characteristic; then a line for each joint, characteristics
+separated by the character 15, their fields by 20: value (K0001), attribute (K0002), time (K0004).
+Hexagon's pages "Defined contents K00xx" and "Defined contents K2xxx" repeat the contents of K0002,
+K0004 and K2004. docs/reference/export.md lists what is written.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from jbclog.record.folder import recipe_table
 BETWEEN_CHARACTERISTICS: Final = "\x0f"
 BETWEEN_FIELDS: Final = "\x14"
 VALID, NOT_EVALUATED, PLACEHOLDER = 0, 129, 255
-"""K0002: a valid value; one that is shown and not included in calculations; a placeholder, which is
-not shown.
+"""K0002: a valid value; a value that is shown but not evaluated; a placeholder, which is not
+shown.
 """
-# stands before the attribute 255: no joint has it, whatever a reader makes of the attribute
+# written before the attribute 255: no joint has it, whatever a reader makes of the attribute
 MISSING: Final = "-99999"
 NO_LIMIT, LIMIT, NATURAL = 0, 1, 2
-"""K2120 and K2121: the type of a limit."""
+"""K2120 and K2121: type of a limit."""
 UNDEFINED, TEMPERATURE, TIME = 0, 250, 800
-"""K2009: the measured quantity."""
-DECIMALS: Final = 3  # as the table of joints has them
-JOINT: Final = "joint"  # the kind of what is certainly one
+"""K2009: measured quantity."""
+DECIMALS: Final = 3  # as in the table of joints
+JOINT: Final = "joint"  # kind of a certain joint
 NOT_STATED: Final = "not stated"
 OF_95_JOINTS: Final = (
     "The recipe limits the time of 95 of 100 joints (recovery_p95_s), not of each joint"
@@ -49,7 +49,7 @@ OF_95_JOINTS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """A feature of joints. `is_natural`: it cannot be below 0. `needs_power`: known only where the
+    """A feature of joints. `is_natural`: it cannot be below 0. `needs_power`: known only if the
     rated power is declared.
     """
 
@@ -81,7 +81,7 @@ CHARACTERISTICS: Final = (
     Characteristic("heat_j", "Heat into the joint", "J", needs_power=True),
     Characteristic("energy_j", "Energy above holding power", "J", needs_power=True),
 )
-"""What a quality engineer evaluates; units in ASCII, so that a file reads the same in every code
+"""Features for quality engineers; units in ASCII, so that a file reads the same in every code
 page.
 """
 
@@ -95,13 +95,13 @@ LENGTHS: Final = {
     "K1342": 40,
     "K1900": 255,
 }
-"""The longest texts of the fields in which foreign text stands."""
+"""Maximum lengths of fields with foreign text."""
 
 
 def write(source: Source, folder: Path) -> dict[str, int]:
-    """Write a file for each port with tips into a new folder; return how many joints.
+    """Write a file for each port with tips into a new folder; return the number of joints.
 
-    Raises OSError, UsageError, RecordError.
+    Raises `OSError`, `UsageError`, `RecordError`.
     """
     ports = [
         (facts, port)
@@ -123,7 +123,9 @@ def write(source: Source, folder: Path) -> dict[str, int]:
 
 
 def file_name(station: str, port: int) -> str:
-    """Return the name of a port's file; signs that no station's name has become underscores."""
+    """Return the name of a port's file; characters that no station's name has become
+    underscores.
+    """
     return f"{re.sub('[^A-Za-z0-9._-]', '_', station)}-port{port}.dfq"
 
 
@@ -159,7 +161,7 @@ def _part(source: Source, facts: StationFacts, port: int) -> Iterator[str]:
 
 
 def _remark(source: Source) -> str:
-    """Return where the values are from, the most important first: run, fingerprint, verdict, ..."""
+    """Return the source of the values, most important first: run, fingerprint, verdict, ..."""
     facts = source.facts
     print_of = (
         short_head(facts["fingerprint"])
@@ -200,7 +202,7 @@ def _described(one: Characteristic, upper: float | None) -> dict[str, str]:
 
 def _values(joints: pa.Table, chosen: list[Characteristic]) -> Iterator[str]:
     """Yield a line for each joint, and one with the serial of its unit (K0014, for all
-    characteristics) where that is known.
+    characteristics) if known.
     """
     for row in joints.to_pylist():
         time = _time(row["start"])
@@ -228,7 +230,7 @@ def _moment(text: str | None) -> str | None:
 
 
 def _fitted(key: str, text: str) -> str:
-    """Return foreign text on one line, without separators, of the field's length."""
+    """Return foreign text on one line, without separators, cut to the field's length."""
     plain, most = clean(text).replace(REPLACEMENT, "?").strip(), LENGTHS.get(key, 40)
     return plain if len(plain) <= most else plain[: most - 3] + "..."
 

@@ -1,4 +1,4 @@
-"""What is exported: the tables of a run piece by piece, and the facts about their origin."""
+"""Input of an export: the tables of a run piece by piece, and facts about their origin."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ SCHEMA_OF: Final[Mapping[str, pa.Schema]] = {
     ),
     "alarms": ALARMS_SCHEMA,
 }
-"""The columns of each table that can be exported, with units."""
+"""Columns of each table that can be exported, with units."""
 
 CHECKED: Final = "hashes, counts and chains agree"
 NOT_CHECKED: Final = "not checked (--unchecked)"
 
 
 def expect_whole(run: Run) -> None:
-    """Raise `RecordError` where `jbclog check` finds anything, or the run is not sealed."""
+    """Raise `RecordError` if `jbclog check` finds anything, or the run is not sealed."""
     found = check(run.folder)
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
@@ -49,7 +49,7 @@ def expect_whole(run: Run) -> None:
 
 
 class Source:
-    """A run as an export holds it. `tables` are those to export, in the order of `SCHEMA_OF`."""
+    """A run to export. `tables` are those to export, in the order of `SCHEMA_OF`."""
 
     def __init__(self, run: Run, tables: Sequence[str] = (), *, is_checked: bool) -> None:
         self.run, self.is_checked = run, is_checked
@@ -57,6 +57,7 @@ class Source:
 
     def pieces(self, table: str) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, at most one row group at a time; no piece is empty.
+
         Raises `RecordError`.
         """
         pieces = (
@@ -73,10 +74,8 @@ class Source:
 
     @cached_property
     def facts(self) -> dict[str, str]:
-        """Where the data are from: name -> text without hidden characters, in the order in which
-        they are shown.
-        """
-        facts = {**self._run_facts(), **self._said(), **self._notes()}
+        """Origin of the data: name -> text without hidden characters, in display order."""
+        facts = {**self._run_facts(), **self._stated(), **self._notes()}
         facts["integrity"] = CHECKED if self.is_checked else NOT_CHECKED
         facts["times"] = "UTC"
         facts["exported by"] = f"jbclog {__version__}, methods {RULES}"
@@ -84,7 +83,7 @@ class Source:
 
     @property
     def title(self) -> str:
-        """One line: what was exported by which version."""
+        """One line: run and version of jbclog."""
         return clean(f"exported by jbclog {__version__} from run {self.run.name}")
 
     def _computed(self, table: str) -> pa.Table:
@@ -114,8 +113,10 @@ class Source:
             "recipe": "; ".join(recipes),
         }
 
-    def _said(self) -> dict[str, str]:
-        """Return what people stated; a tag has a word before its name, so it replaces no fact."""
+    def _stated(self) -> dict[str, str]:
+        """Return what people stated; the name of a tag has a prefix, so that it replaces no
+        fact.
+        """
         said = self.run.manifest.metadata
         several = {"wire lots": said.wire_lots, "flux lots": said.flux_lots, "tips": said.tips}
         single = {"operator": said.operator, "order": said.order, "product": said.product}
@@ -133,8 +134,8 @@ class Source:
         return list(dict.fromkeys([*self.run.manifest.serials(), *late]))
 
     def _notes(self) -> dict[str, str]:
-        """Return the annotations of a sealed run: what was added later. Acknowledgements also stand
-        in the table of alarms.
+        """Return the annotations of a sealed run. Acknowledgements are also in the table of
+        alarms.
         """
         if not self.run.manifest.is_sealed:
             return {}

@@ -1,7 +1,7 @@
 """Excel workbooks: a sheet `about` with facts and units, and a sheet for each table.
 
-A table of more rows than a sheet holds continues on further sheets, `samples 2` and so on; `about`
-lists the sheets of each table. Nothing in a workbook is a formula or a link.
+A table with more rows than a sheet holds continues on further sheets, `samples 2` and so on;
+`about` lists the sheets of each table. A workbook has no formulas and no links.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from jbclog.app.export.csv_files import DATATYPES
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.text import csv_cell, shortened
 
-# of a sheet, with its header (Microsoft: "Excel specifications and limits")
+# rows of a sheet, with its header (Microsoft: "Excel specifications and limits")
 MOST_ROWS: Final = 1_048_576
-# of a cell: Excel takes 32 767, and what is left out is stated behind
+# of a cell: Excel takes 32 767, and a note on what is left out follows
 MOST_CHARACTERS: Final = 32_000
 ABOUT: Final = "about"
 WriteCell = Callable[[int, int, Any], object]
@@ -32,7 +32,9 @@ WriteCell = Callable[[int, int, Any], object]
 
 
 def write(source: Source, path: Path) -> dict[str, int]:
-    """Write a workbook; return the rows of each table. Raises OSError, RecordError."""
+    """Write a workbook; return the number of rows of each table. Raises `OSError`,
+    `RecordError`.
+    """
     options = {
         "constant_memory": True,
         "strings_to_formulas": False,
@@ -43,7 +45,7 @@ def write(source: Source, path: Path) -> dict[str, int]:
     book.use_zip64()
     book.set_properties({"title": source.title, "created": _created(source)})
     try:
-        about = book.add_worksheet(ABOUT)  # shown first; its rows are known last
+        about = book.add_worksheet(ABOUT)  # shown first, filled last
         sheets = {table: _write_table(book, table, source.pieces(table)) for table in source.tables}
         _write_rows(about, _about(source, sheets))
     finally:
@@ -52,7 +54,7 @@ def write(source: Source, path: Path) -> dict[str, int]:
 
 
 def _close(book: Workbook) -> None:
-    """Close a workbook. Raises OSError: xlsxwriter wraps it."""
+    """Close a workbook. Raises `OSError`, which xlsxwriter wraps."""
     try:
         book.close()
     except FileCreateError as error:
@@ -73,7 +75,7 @@ def _created(source: Source) -> datetime:
 
 
 def _write_table(book: Workbook, table: str, pieces: Iterable[pa.Table]) -> dict[str, int]:
-    """Write a table on as many sheets as it needs; return the rows of each sheet."""
+    """Write a table on as many sheets as it needs; return the number of rows of each sheet."""
     names, filled = SCHEMA_OF[table].names, dict[str, int]()
     sheet = _next_sheet(book, table, names, filled)
     for piece in pieces:
@@ -97,7 +99,7 @@ def _next_sheet(book: Workbook, table: str, names: list[str], filled: dict[str, 
 
 
 def _write_columns(sheet: Worksheet, row: int, part: pa.Table) -> None:
-    """Write some rows' cells by their column's type; an unknown value is an empty cell."""
+    """Write the cells of some rows by their column's type; an unknown value is an empty cell."""
     writers = [_writer(sheet, field.type) for field in part.schema]
     columns = [column.to_pylist() for column in part.itercolumns()]
     for number, values in enumerate(zip(*columns, strict=True), row):
@@ -116,7 +118,7 @@ def _writer(sheet: Worksheet, kind: pa.DataType) -> WriteCell:
 
 
 def _write_rows(sheet: Worksheet, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows of texts and numbers, from the first on."""
+    """Write rows of texts and numbers, from the first row on."""
     for number, values in enumerate(rows):
         for place, value in enumerate(values):
             if isinstance(value, int):
@@ -126,7 +128,7 @@ def _write_rows(sheet: Worksheet, rows: Iterable[Iterable[object]]) -> None:
 
 
 def _about(source: Source, sheets: dict[str, dict[str, int]]) -> Iterator[Sequence[object]]:
-    """Yield the rows of `about`: the facts, each table's sheets, the columns with units."""
+    """Yield the rows of `about`: facts, each table's sheets, columns with units."""
     yield [source.title]
     yield from ([name, text] for name, text in source.facts.items())
     yield []

@@ -1,9 +1,9 @@
-"""The index's file: entries of bytes in one SQLite table, each with a stamp of what it was made
-from and a check sum.
+"""The file of the index: entries of bytes in one SQLite table, each with a stamp of its sources and
+a checksum.
 
-The file is the user's own. What is damaged, of another version or not ours is removed and built
-anew; where the folder cannot be written there is no index. None of that is an error. Nothing is
-synced: a power cut costs the index at most.
+The file belongs to the user. A file that is damaged or of another version is removed and rebuilt;
+if the folder cannot be written there is no index. None of that is an error. Nothing is synced: a
+power cut costs the index at most.
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from jbclog import __version__
 from jbclog.core.foreign.database import ENDINGS, Database, open_database
 from jbclog.core.foreign.files import LIMITS, MIB, Kind, NotReadable, expect_regular
 
-NAME: Final = "runs-1.sqlite"  # the number: of this table
+NAME: Final = "runs-1.sqlite"  # the number is the version of the table
 COLUMNS: Final = {"entries": ("place", "kind", "run", "stamp", "data", "sum")}
 CREATE: Final = (
     f"CREATE TABLE entries ({', '.join(COLUMNS['entries'])}, PRIMARY KEY (place, kind, run))"
     " WITHOUT ROWID"
 )
 DIGEST: Final = 16
-BY: Final = f"jbclog {__version__}".encode()  # another version may read a run otherwise
-BUSY_S: Final = 2.0  # for another program that writes; then this one does without
+BY: Final = f"jbclog {__version__}".encode()  # another version may read a run differently
+BUSY_S: Final = 2.0  # wait for another program that writes; then this one does without the index
 STATEMENT_S: Final = 20.0
 MOST_WAITING, MOST_WAIT_S = 20_000, 5.0  # entries, and the time after which they are written
-MOST_ROWS, MOST_BYTES = 1_000_000, 192 * MIB  # of a kind in a folder; 10 000 runs take 10 MB
+# entries of a kind in a folder; 10 000 runs take 10 MB
+MOST_ROWS, MOST_BYTES = 1_000_000, 192 * MIB
 MOST_OF_A_RUN: Final = 32 * MIB  # a manifest has half of that
 PAGE: Final = 4096
 SPARE_PAGES: Final = 1000
@@ -48,17 +49,18 @@ UNUSABLE: Final = (
     ),
     *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH, sqlite3.SQLITE_NOMEM, sqlite3.SQLITE_INTERRUPT),
 )
-"""Errors that do not come from the file's content; all others remove it, as does a full disk."""
+"""Errors that are not caused by the file's content; all others, and a full disk, remove it."""
 
 
 def cache_folder() -> Path | None:
-    """Return jbclog's folder in the user's cache folder, created if missing; None where there is
-    none that only the user writes.
+    """Return jbclog's folder in the user's cache folder, created if missing; None if that is not
+    possible, or others can write there.
     """
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         folder = (given if given.is_absolute() else Path.home() / ".cache") / "jbclog"
-        if _nearest(folder).stat().st_uid != os.geteuid():  # of another user, whose home it may be
+        # belongs to another user, perhaps the owner of this home
+        if _nearest(folder).stat().st_uid != os.geteuid():
             return None
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         there = folder.lstat()
@@ -77,7 +79,7 @@ def _nearest(folder: Path) -> Path:
 
 
 class Entry(NamedTuple):
-    """What the index has of a run: made from files with this stamp."""
+    """Entry of a run: data made from files with this stamp."""
 
     stamp: bytes
     data: bytes
@@ -85,11 +87,11 @@ class Entry(NamedTuple):
 
 
 Entries = dict[bytes, Entry]
-"""The entries of a place and a kind by run."""
+"""Run -> entry, for a place and a kind."""
 
 
 class IndexFile:
-    """The entries in the file at `path`; without a path, or where it cannot be used, no entries."""
+    """The entries in the file at `path`; no entries without a path, or if it cannot be used."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -108,7 +110,9 @@ class IndexFile:
         return self._known[place, kind]
 
     def data_of(self, place: bytes, kind: str, run: bytes, stamp: bytes) -> bytes | None:
-        """Return a run's data if made from files with this stamp, by this program, and whole."""
+        """Return a run's data if they were made from files with this stamp, by this program, and
+        are intact.
+        """
         entry = self.entries(place, kind).get(run)
         if (
             entry is None
@@ -128,8 +132,8 @@ class IndexFile:
             self.write()
 
     def keep_only(self, place: bytes, kind: str, runs: AbstractSet[bytes]) -> None:
-        """Write, and remove from all kinds of a place the runs whose entry of `kind` is of none of
-        these.
+        """Write, and remove all entries of the runs of a place that have an entry of `kind` and are
+        not among `runs`.
         """
         self.write()
         gone = self.entries(place, kind).keys() - runs
@@ -141,7 +145,9 @@ class IndexFile:
         self._change(lambda database: _delete(database, place, gone))
 
     def write(self) -> None:
-        """Write what was added; without an index, or where another program writes, it is lost."""
+        """Write the added entries; they are lost without an index, or while another program
+        writes.
+        """
         waiting, self._waiting, self._written_s = self._waiting, {}, time.monotonic()
         rows = [(*key, *entry) for key, entry in waiting.items()]
         if rows:
@@ -152,7 +158,6 @@ class IndexFile:
             )
 
     def _change(self, change: Callable[[Database], object]) -> None:
-        """Make a change as a whole or not at all."""
         if self._database is None:
             return
         try:
@@ -211,7 +216,7 @@ class IndexFile:
         return None
 
     def _give_up(self, error: sqlite3.Error) -> None:
-        """Do without the index from now on; remove it where its content is at fault."""
+        """Continue without the index; remove it if its content is at fault."""
         if self._database is not None and self._path is not None:
             self._database.close()
             self._database = None

@@ -4,14 +4,14 @@
         for one in index.find(Path("runs"), Filter(order="88123")):
             ...  # as `find_runs.find` yields them
 
-An entry belongs to files by their sizes, inodes and times, which are looked at each time; any write
-changes the time of the last change, which nobody can set. Metrics that a recorder or a report left
-belong to manifest, annotations and what was left; others to all files of the record. Files written
-just now are not entered, because a second write could leave the same time. A run that continues or
-was cut off, and one that cannot be read, is read each time.
+An entry is valid for files of certain sizes, inodes and times, which are read each time; any write
+changes the ctime, which users cannot set. Metrics left by a recorder or a report depend on
+manifest, annotations and those files; others on all files of the record. Files written just now are
+not indexed, because a second write could leave the same time. A run that continues or was cut off,
+and one that cannot be read, is read each time.
 
-No entry is the truth: `check` and `report` read no index, `where-used` hashes again what it names,
-and ``--no-cache`` does without.
+The index is only a cache: `check` and `report` do not use it, `where-used` hashes again the runs it
+names, and ``--no-cache`` disables it.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ from jbclog.record.manifest import NAME as MANIFEST
 if TYPE_CHECKING:
     from jbclog.analysis.stored_tables import MetricRow
 
-# what `Records.known` reads
+# files that `Records.known` reads
 LEFT: Final = (MANIFEST, ANNOTATIONS, REPORT, METRICS_CACHE)
-FOUND: Final = "run"  # the kind of entries of runs
+FOUND: Final = "run"  # kind of the entries of runs
 SETTLED_NS: Final = 2_000_000_000  # the coarsest clock of a file system
 _TYPES: Final = {name: kind for name, kind in get_type_hints(Found).items() if name != "folder"}
 _values_of: Final = attrgetter(*_TYPES)
 _read_values: Final = msgspec.msgpack.Decoder(tuple.__class_getitem__(tuple(_TYPES.values())))
-# of a `MetricRow`
+# figures of a `MetricRow`
 _figures_of: Final = attrgetter(
     "station", "port", "value", "unit", "n", "coverage", "resolution", "why"
 )
@@ -68,7 +68,7 @@ T = TypeVar("T")
 
 
 class Look(NamedTuple):
-    """The stamp of some files, and the times of their changes and of the look in ns since 1970."""
+    """Stamp of some files, and the times of their changes and of this look in ns since 1970."""
 
     stamp: bytes
     times: list[int]
@@ -76,21 +76,19 @@ class Look(NamedTuple):
 
     @property
     def is_settled(self) -> bool:
-        """Whether a later write is sure to change the stamp."""
+        """Whether any later write would change the stamp."""
         return all(abs(self.now - time) > SETTLED_NS for time in self.times)
 
 
 class RunIndex:
-    """Runs and their metrics as `Records` reads them, with an index before it. A `Source` of
-    `Runs`.
-    """
+    """A `Source` of `Runs`: runs and their metrics as `Records` reads them, through an index."""
 
     def __init__(self, file: IndexFile) -> None:
         self._file = file
         self._places: dict[Path, bytes] = {}
 
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-        """Yield the matching runs as `find_runs.find` does. Raises RecordError."""
+        """Yield the matching runs as `find_runs.find` does. Raises `RecordError`."""
         paths = runs_in(folder)
         if paths == [folder] or wanted.ended_since is not None:
             yield from find(folder, wanted)
@@ -106,9 +104,7 @@ class RunIndex:
     def metrics(
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
-        """Return at least the metrics `names` of a run, as `Records` gives them. Raises
-        `RecordError`.
-        """
+        """Return at least the metrics `names` of a run, as `Records` does. Raises `RecordError`."""
         if run.state == SEALED:
             rows = self._of_sealed(run, names)
         else:
@@ -148,7 +144,7 @@ class RunIndex:
         for row in rows:
             figures.get(row.metric, []).append(_figures_of(row))
         for metric, those in figures.items():
-            # of numpy
+            # `item` turns numpy scalars into Python numbers
             self._file.put(
                 place,
                 metric,
@@ -158,7 +154,7 @@ class RunIndex:
             )
 
     def _place(self, folder: Path) -> bytes:
-        """Return what stands for a folder of runs, however its path is written."""
+        """Return the key of a folder of runs, however its path is written."""
         if folder not in self._places:
             self._places[folder] = blake2b(
                 os.fsencode(os.path.realpath(folder)), digest_size=DIGEST
@@ -178,7 +174,7 @@ class RunIndex:
             return Found(path, *values)
         run = summary_of(path)
         if isinstance(run, Unreadable):
-            return summary_of(path, wanted)  # which shows it only where it may match
+            return summary_of(path, wanted)  # which returns it only if it may match
         if run is not None and run.state == SEALED and seen.is_settled:
             self._file.put(place, FOUND, name, seen.stamp, msgspec.msgpack.encode(_values_of(run)))
         return run
@@ -201,7 +197,7 @@ class RunIndex:
 
 @contextmanager
 def run_index() -> Iterator[RunIndex]:
-    """Open the user's index; without a folder for it, one that has nothing and keeps nothing."""
+    """Open the user's index; without a folder for it, an empty one that stores nothing."""
     folder = cache_folder()
     file = IndexFile(None if folder is None else folder / NAME)
     try:
@@ -211,14 +207,14 @@ def run_index() -> Iterator[RunIndex]:
 
 
 def _look_at_left(run: Path) -> Look:
-    """Look at the files from which metrics are read that somebody left."""
+    """Stamp the files of metrics that a recorder or a report left."""
     from jbclog.analysis.stored_tables import METHODS_TEXT
 
     return _look([f"{run}/{name}" for name in LEFT], len(str(run)), METHODS_TEXT)
 
 
 def _look_at_record(run: Path) -> Look | None:
-    """Look at all files on which a run's metrics can depend; None where that is not possible."""
+    """Stamp all files on which a run's metrics can depend; None if that is not possible."""
     from jbclog.analysis.stored_tables import METHODS_TEXT
 
     there = [f"{run}/{name}" for name in LEFT]
@@ -232,11 +228,11 @@ def _look_at_record(run: Path) -> Look | None:
 
 
 def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
-    """Look at a run's files, whose own path has so many characters. `by`: who reads them."""
+    """Stamp a run's files; `run` is the length of the run's own path. `by`: who reads them."""
     now, times, facts = time.time_ns(), list[int](), list[object]([by])
     for path in paths:
         try:
-            found = os.lstat(path)  # a `Path` takes as long as all else
+            found = os.lstat(path)  # creating a `Path` takes as long as all the rest
         except OSError as error:
             facts.append(error.errno)
             times += [] if error.errno == errno.ENOENT else [now]
@@ -262,5 +258,5 @@ def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
 def _decoded(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T | None:
     try:
         return decoder.decode(data)
-    except ValueError:  # with a check sum that fits: forged
+    except ValueError:  # with a checksum that fits: forged
         return None

@@ -1,3 +1,3 @@
-"""Publishes sealed runs into a store, and keeps the store: start with `publisher.py`, then
+"""Publishes sealed runs into a store, and maintains the store. Start with `publisher.py`, then
 `commits.py` and `upkeep.py`.
 """

@@ -1,13 +1,13 @@
-"""The commits of a publisher. Nothing is atomic across tables, so `runs` is last, and what it does
-not name does not count.
+"""The commits of a publisher. Nothing is atomic across tables, so `runs` comes last, and rows that
+it does not name do not count.
 
 Commits to `runs` exclude each other: each records the same application, and the library refuses a
 commit if another one recorded it since the table was read. So a publisher reads `runs`, decides,
-and commits; where another was first, it reads and decides anew. The library does not refuse a
-repetition by itself: that the run is there already is for the publisher to find.
+and commits; if another was first, it reads and decides again. The library does not refuse a
+repetition by itself: the publisher must find that the run is there already.
 
-What an interrupted publisher left may be removed only after a commit to `runs` that says so
-(`fence`): a publisher that was merely slow finds it there, and does not name rows that are gone.
+The remains of an interrupted publisher may be removed only after a commit to `runs` that records it
+(`fence`): a publisher that was merely slow finds that commit, and does not name rows that are gone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ APPLICATION: Final = "jbclog.runs"
 FENCE: Final = "jbclog.removed."
 TRIES: Final = 40
 GROUP_ROWS: Final = 32_768
-BATCHES: Final = 16  # of a commit, about half a million rows
+BATCHES: Final = 16  # batches per commit, about half a million rows
 LARGEST_PAUSE_S: Final = 0.5
 CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
 
@@ -66,8 +66,8 @@ def _create(place: Place, name: str) -> None:
 def append(
     place: Place, name: str, publication: str, rows: Callable[[], Iterator[pa.RecordBatch]]
 ) -> int:
-    """Commit the rows to a table and return their number, some batches a commit: the library may
-    take a whole commit into memory.
+    """Commit the rows to a table, some batches per commit, because the library may take a whole
+    commit into memory; return their number.
 
     Raises `StoreError`, and whatever the rows raise.
     """
@@ -113,8 +113,8 @@ def _append(
 
 
 class _Counted(Iterator[pa.RecordBatch]):
-    """Counts the rows that pass, and keeps the error of the run that they come from: the library
-    would make it one of the store.
+    """Counts the rows that pass, and keeps the error of the run that they come from, which the
+    library would report as one of the store.
     """
 
     def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
@@ -137,8 +137,8 @@ class _Counted(Iterator[pa.RecordBatch]):
 def commit_run(
     place: Place, publication: str, row: Callable[[DeltaTable], pa.Table | None]
 ) -> bool:
-    """Commit to `runs` the row that `row` decides on from the table as it is; False if it decides
-    on none. Raises `StoreError`.
+    """Commit to `runs` the row that `row` returns for the current table; return False if it returns
+    None. Raises `StoreError`.
     """
     from deltalake import write_deltalake
 
@@ -165,8 +165,8 @@ def commit_run(
 
 
 def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> list[str]:
-    """Commit to `runs` that what `publications` decides on will be removed; return it. Raises
-    `StoreError`.
+    """Commit to `runs` that the publications which `publications` returns will be removed; return
+    them. Raises `StoreError`.
     """
     for _ in range(TRIES):
         runs = opened(place, RUNS)
@@ -185,7 +185,7 @@ def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> 
 
 
 def expect_not_fenced(place: Place, runs: DeltaTable, publication: str) -> None:
-    """Raise `StoreError` if `store check` took this publication for one that was interrupted."""
+    """Raise `StoreError` if `store check` took this publication for an interrupted one."""
     if runs.transaction_version(f"{FENCE}{publication}") is not None:
         raise StoreError(
             f"{place}: `store check` took this publisher for an interrupted one and removed what it"
@@ -194,13 +194,14 @@ def expect_not_fenced(place: Place, runs: DeltaTable, publication: str) -> None:
 
 
 def remove(place: Place, name: str, publication: str) -> None:
-    """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises
-    `StoreError`.
+    """Remove the rows of a publication from a table; its files stay until `store vacuum`.
+
+    Raises `StoreError`.
     """
-    quoted = publication.replace("'", "''")  # a name in a store may be anybody's
+    quoted = publication.replace("'", "''")  # names in a store may be foreign
     for _ in range(TRIES):
         table, done = opened(place, name), properties(removed=publication)
-        with explained(place.url):  # files that it is written in are read and written anew
+        with explained(place.url):  # files that contain the publication are rewritten
             DataFiles(place, name, {}).expect_bounded(
                 unquote(file["path"])
                 for file in actions_of(table).to_pylist()
@@ -221,7 +222,7 @@ def _turn(runs: DeltaTable) -> tuple[str, int]:
 
 
 def properties(*transactions: tuple[str, int], **metadata: str) -> CommitProperties:
-    """Return what a commit records beside its rows."""
+    """Return the properties that a commit records beside its rows."""
     from deltalake import CommitProperties, Transaction
 
     applications = [Transaction(name, version) for name, version in transactions]
@@ -229,14 +230,16 @@ def properties(*transactions: tuple[str, int], **metadata: str) -> CommitPropert
 
 
 def writer() -> WriterProperties:
-    """Return how files are written: as those of a run."""
+    """Return the writer settings of files, which are those of a run."""
     from deltalake import WriterProperties
 
     return WriterProperties(compression="ZSTD", max_row_group_size=GROUP_ROWS)
 
 
 def committed(place: Place, commit: Callable[[], object]) -> bool:
-    """Whether the commit was made; False, after a pause, if another came. Raises `StoreError`."""
+    """Whether the commit was made; False, after a pause, if another came first. Raises
+    `StoreError`.
+    """
     from deltalake.exceptions import CommitFailedError
 
     with explained(place.url):

@@ -1,4 +1,4 @@
-"""Publishes the sealed runs of a folder, each that can be: one run blocks no other."""
+"""Publishes the sealed runs of a folder; a run that fails does not block the others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOT_SEALED: Final = "is not sealed: it is being recorded, or it crashed; then ru
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A folder that was not published, and why. A run that is still open is no failure."""
+    """A folder that was not published, and why. A run that is still open is not a failure."""
 
     folder: Path
     why: str
@@ -27,10 +27,10 @@ class Skipped:
 
 
 def publish_all(publisher: Publisher, folder: Path) -> Iterator[Outcome | Skipped]:
-    """Publish the sealed runs directly below `folder`, or `folder` itself; yield what became of
+    """Publish the sealed runs directly below `folder`, or `folder` itself; yield the outcome of
     each.
 
-    Raises `StoreError`: where the store is away, no other run is tried.
+    Raises `StoreError`: if the store cannot be reached, no other run is tried.
     """
     for one in find(folder):
         if not isinstance(one, Found):

@@ -1,9 +1,8 @@
-"""Which publishers are at work in a store, on any host: each has a lease there, renewed while it
-works.
+"""Which publishers are working in a store, on any host: each renews a lease there.
 
-A lease is an empty table of Delta Lake below `_publishers`, whose description names host, boot and
-process. It keeps `store check` and `store vacuum` from working beside a publisher. What they do
-would be safe without it: see `commits.fence`.
+A lease is an empty Delta Lake table below `_publishers`, whose description names host, boot and
+process. It keeps `store check` and `store vacuum` from working beside a publisher. They would be
+safe without it: see `commits.fence`.
 """
 
 from __future__ import annotations
@@ -52,12 +51,12 @@ class Holder:
 
     @property
     def is_here(self) -> bool:
-        """Whether it runs, or ran, since this computer's last start."""
+        """Whether the process runs, or ran, on this computer since its last start."""
         return bool(self.boot) and self.boot == boot_id()
 
     @property
     def is_dead(self) -> bool:
-        """Whether it is known to have ended."""
+        """Whether the process is known to have ended."""
         return self.is_here and not Path("/proc", str(self.pid)).exists()
 
     def __str__(self) -> str:
@@ -66,7 +65,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A lease in a store: the publisher's name, its process, and when it was renewed last."""
+    """A lease in a store: publisher's name, process, and time of the last renewal."""
 
     publisher: str
     holder: Holder | None
@@ -74,7 +73,7 @@ class Found:
 
     @property
     def is_live(self) -> bool:
-        """Whether its publisher may be at work."""
+        """Whether its publisher may be working."""
         if self.holder is not None and self.holder.is_here:
             return not self.holder.is_dead
         return self.renewed is None or datetime.now(UTC) - self.renewed < VALID
@@ -85,7 +84,7 @@ class Found:
 
 
 class Lease:
-    """A publisher's own lease. `publisher` is its name; `new_publication` gives names to what it
+    """A publisher's own lease. `publisher` is its name; `new_publication` names what it
     publishes.
     """
 
@@ -117,8 +116,8 @@ class Lease:
         return f"{self.publisher}-{self._count}"
 
     def renew(self) -> None:
-        """Show that the publisher works, at most once a minute. That it cannot is no error: nothing
-        depends on a lease.
+        """Renew the lease, at most once a minute. A failure is not an error: nothing depends on a
+        lease.
         """
         if time.monotonic() - self._renewed < RENEWED_S:
             return
@@ -127,8 +126,8 @@ class Lease:
             self._renew()
 
     def _renew(self) -> None:
-        """Commit to the lease; make it anew if it was swept away. Where the whole store is gone, as
-        a share is, make nothing.
+        """Commit to the lease, or create it again if it was removed. If the whole store is gone, as
+        a share may be, create nothing.
         """
         if self._place.has_table(self._name):
             self._table.create_write_transaction([], "append", SCHEMA)
@@ -136,7 +135,7 @@ class Lease:
             self._table = self._made()
 
     def release(self) -> None:
-        """Remove the lease, if the store can be written; otherwise it ends by itself."""
+        """Remove the lease, if the store can be written; otherwise it expires."""
         with suppress(StoreError):
             self._place.remove(self._name)
 
@@ -158,7 +157,7 @@ def leases(place: Place) -> Iterator[Found]:
 
 
 def live(place: Place) -> list[Found]:
-    """Return the leases of publishers that may be at work."""
+    """Return the leases of publishers that may be working."""
     return [one for one in leases(place) if one.is_live]
 
 
@@ -166,5 +165,5 @@ def _holder(place: Place, publisher: str) -> Holder | None:
     try:
         facts: Any = json_of(place.table(f"{FOLDER}/{publisher}").metadata().description or "")
         return Holder(str(facts["host"]), str(facts["boot"]), int(facts["pid"]))
-    except Exception:  # cut off at its start, or anybody's
+    except Exception:  # cut off at its start, or foreign
         return None

@@ -1,8 +1,8 @@
-"""Removes the rows of publications that did not come as far as `runs`: a publisher's own after an
-error, others' by `store check`.
+"""Removes the rows of publications that are not in `runs`: a publisher's own after an error,
+others' in `store check`.
 
-First a commit to `runs` records which publications are dead (`commits.fence`), so that no publisher
-that was merely slow, and no commit that is still on its way, names rows that are gone.
+First a commit to `runs` records which publications are dead (`commits.fence`), so that no slow
+publisher and no late commit names rows that are gone.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from jbclog.analysis.store.reader import Store
 from jbclog.app.publish.commits import fence, remove
 
 Left = Mapping[str, AbstractSet[str]]
-"""Names of publications, and the tables in which they may have rows."""
+"""Publications, and the tables in which they may have rows."""
 
 
 def swept(place: Place, left: Left) -> Iterator[tuple[str, str]]:
     """Remove the rows of those publications that `runs` does not name; yield table and publication.
+
     Raises `StoreError`.
     """
     for publication in (

@@ -1,8 +1,8 @@
-"""Publishes sealed runs into a store: each once, whole, and anew where annotations were added.
+"""Publishes sealed runs into a store: each once, whole, and again after annotations were added.
 
-A run is looked up, checked, written table by table under a publication's name that nobody else has,
-and named in `runs` last. What does not come that far does not count, and is removed: by this
-publisher, or by `store check` if it was killed.
+A run is looked up, checked, written table by table under a unique publication name, and named in
+`runs` last. Rows that are not named there do not count, and are removed: by this publisher, or by
+`store check` if it was killed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TRIES: Final = 3
 
 
 class Result(StrEnum):
-    """What became of a run."""
+    """What happened to a run."""
 
     PUBLISHED = "published"
     VERSIONED = "new version"
@@ -53,7 +53,7 @@ DONE: Final = {Step.NOTHING: Result.THERE, Step.OLDER: Result.OLDER}
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A run, what became of it, and its version in the store."""
+    """A run, its result, and its version in the store."""
 
     run: str
     result: Result
@@ -64,8 +64,8 @@ class Outcome:
 
 
 class Publisher(AbstractContextManager["Publisher"]):
-    """Publishes runs into the store at `place`, which is created if it is missing; with a lease
-    while a `with` lasts.
+    """Publishes runs into the store at `place`, created if missing; holds a lease within a `with`
+    block.
 
     Raises `UsageError` for a place where commits are not safe, `RecordError` for one that cannot be
     written.
@@ -91,8 +91,8 @@ class Publisher(AbstractContextManager["Publisher"]):
     def publish(self, folder: Path) -> Outcome:
         """Publish the sealed run in `folder`.
 
-        Raises `RecordError` for a run that is not sealed, not whole, or another one; `StoreError`
-        where the store is away.
+        Raises `RecordError` for a run that is not sealed, not whole, or not the one in the store;
+        `StoreError` if the store cannot be reached.
         """
         for _ in range(TRIES):
             identity = identity_of(folder)
@@ -116,14 +116,14 @@ class Publisher(AbstractContextManager["Publisher"]):
         )
 
     def renew(self) -> None:
-        """Show that this publisher is at work."""
+        """Renew this publisher's lease."""
         self._lease.renew()
 
     def reopen(self) -> None:
-        """Try a store that was away. Raises `StoreError` if it still is, `UsageError` if commits
-        are not safe there now.
+        """Try a store that was lost.
 
-        It is never made anew: a share that is not mounted is an empty folder.
+        Never creates it: a share that is not mounted is an empty folder. Raises `StoreError` if it
+        is still lost, `UsageError` if commits are not safe there now.
         """
         opened(self.place, RUNS)
         expect_safe(self.place)
@@ -136,8 +136,8 @@ class Publisher(AbstractContextManager["Publisher"]):
             self._left.clear()
 
     def _known(self, identity: Identity) -> tuple[Published | None, Step]:
-        """Return the run as the store has it, and what is left to publish. No run leaves a store,
-        so what was seen is there.
+        """Return the run as the store has it, and what is left to publish. Runs never leave a
+        store, so what was seen there stays.
         """
         known = self._seen.get(identity.run)
         step = identity.step(known.identity if known else None)
@@ -169,11 +169,11 @@ class _Writing:
         self._decided: tuple[Outcome, frozenset[str]] | None = None
 
     def publish(self, known: Published | None) -> Outcome | None:
-        """Publish it whole, or only what is new against `known`; None if the run was annotated
+        """Publish the run whole, or only what is new against `known`; None if the run was annotated
         meanwhile.
 
-        An error of the commit to `runs` leaves open whether it was made: then nothing is removed
-        here, see `left`.
+        After an error of the commit to `runs` it is not known whether it was made: then nothing is
+        removed here, see `left`.
         """
         try:
             for table in DATA if known is None else FINDINGS:
@@ -192,7 +192,7 @@ class _Writing:
 
     @property
     def left(self) -> dict[str, set[str]]:
-        """The publication with the tables that may have rows of it that do not count."""
+        """The publication, with the tables in which it may have rows that do not count."""
         return {self._publication: self._begun} if self._begun else {}
 
     def _append(self, table: str) -> int:
@@ -210,7 +210,7 @@ class _Writing:
             yield piece
 
     def _row(self, runs: DeltaTable) -> pa.Table | None:
-        """Return the row for `runs` as it is now; None if nothing is left to commit."""
+        """Return the row for `runs` in its current state; None if nothing is left to commit."""
         known = Store(self._place, runs).newest(self._identity.run)
         if known is not None and known.findings == self._publication:
             return None  # the commit before was made, and only its answer was lost
@@ -246,7 +246,9 @@ class _Writing:
         )
 
     def _remove(self, named: frozenset[str]) -> None:
-        """Remove rows that `runs` does not name; what fails does not count, and stays `left`."""
+        """Remove rows that `runs` does not name; if that fails, they do not count, and stay in
+        `left`.
+        """
         self._begun -= named
         with suppress(StoreError):
             for table in sorted(self._begun):

@@ -1,9 +1,9 @@
 """Whether commits in a place exclude each other; a store is never written where they do not.
 
 A commit of Delta Lake is a file of the next number, which only one writer may create: in a folder
-by a hard link to a finished file, in S3 by a conditional write (`If-None-Match`). A share without
-hard links, or a server that ignores the condition, would let one publisher overwrite another's
-commit without notice. Both are tried in a folder of their own, which is removed again.
+by a hard link to a finished file, in S3 by a conditional write (`If-None-Match`). On a share
+without hard links, or a server that ignores the condition, one publisher would silently overwrite
+another's commit. Both are tried in a temporary folder.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ ADVICE: Final = (
 
 
 def expect_safe(place: Place) -> None:
-    """Raise `UsageError` where two publishers could overwrite each other's commits, `StoreError`
-    where nothing can be written.
+    """Raise `UsageError` if two publishers could overwrite each other's commits, `StoreError` if
+    nothing can be written.
     """
     name = f"{PROBE}{secrets.token_hex(4)}"
     if place.is_remote:
@@ -104,7 +104,7 @@ def _expect_exclusive_names(folder: Path, name: str) -> None:
 
 
 def _race(place: Place, name: str) -> None:
-    """Let some writers commit at once; each commit must have got a number of its own."""
+    """Let some writers commit at once; each commit must get its own number."""
     from deltalake import DeltaTable
 
     with explained(place.url):

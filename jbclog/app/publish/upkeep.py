@@ -1,5 +1,5 @@
-"""Keeps a store: finds damage, removes what interrupted publishers left, joins small files, deletes
-files that no version needs.
+"""Maintains a store: finds damage, removes leftovers of interrupted publishers, joins small files,
+deletes files that no version needs.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 SWEPT_AFTER: Final = timedelta(hours=24)
 LEAST_DAYS: Final = 7
-MOST_NAMED: Final = 20  # files or runs in a finding of their own
+MOST_NAMED: Final = 20  # files or runs with a finding of their own
 
 
 @dataclass(slots=True)
 class Checked:
-    """What a check found: damage; what interrupted publishers left; what was removed; and what else
-    to know.
+    """Result of a check: damage; leftovers of interrupted publishers; what was removed; other
+    notes.
     """
 
     runs: int = 0
@@ -46,10 +46,10 @@ class Checked:
 
 
 def check(place: Place, older_than: timedelta = SWEPT_AFTER) -> Checked:
-    """Check a store; remove what interrupted publishers left and what is older. Raises
-    `RecordError` where it cannot be read.
+    """Check a store; remove leftovers of interrupted publishers that are older than `older_than`.
 
-    Nothing is removed beside a publisher that may be at work.
+    Removes nothing beside a publisher that may be working. Raises `RecordError` if the store cannot
+    be read.
     """
     expect_library()
     store, found = Store(place), Checked()
@@ -152,9 +152,7 @@ def _counted(store: Store, table: str) -> Counter[str]:
 
 
 def _strange(store: Store, table: str) -> Iterator[str]:
-    """Yield a sentence for each file that no publisher wrote so. Those that are missing are found
-    later.
-    """
+    """Yield a sentence for each file that no publisher wrote so. Missing files are found later."""
     looks, named = store.data_files(table), 0
     for path, _ in _files(store.table(table)):
         try:
@@ -176,7 +174,7 @@ def _only(file: Mapping[str, object]) -> str | None:
 
 
 def _written(store: Store, table: str) -> dict[str, datetime]:
-    """Return when the newest file of each publication was written, where a file has one only."""
+    """Return when the newest file of each publication was written, if the file has only one."""
     found: dict[str, datetime] = {}
     for file in actions_of(store.table(table)).to_pylist():
         name, moment = _only(file), datetime.fromtimestamp(file["modification_time"] / 1000, UTC)
@@ -188,8 +186,8 @@ def _written(store: Store, table: str) -> dict[str, datetime]:
 def _damage(
     store: Store, table: str, entries: list[Published], counts: Mapping[str, int]
 ) -> Iterator[str]:
-    """Yield a sentence for each run whose rows are not all there, and for files that are missing or
-    of another size.
+    """Yield a sentence for each run with missing rows, and for files that are missing or of another
+    size.
     """
     expected = {one.publication(table): one for one in entries}
     wrong = [one for name, one in expected.items() if counts.get(name, 0) != one.rows[table]]
@@ -214,7 +212,6 @@ def _damage(
 
 
 def _files(table: DeltaTable) -> Iterator[tuple[str, int]]:
-    """Yield path and size of each file of a table."""
     files = actions_of(table)
     return (
         (unquote(path), size)
@@ -235,9 +232,9 @@ def _twice(entries: list[Published]) -> Iterator[str]:
 
 def compact(place: Place) -> dict[str, tuple[int, int]]:
     """Join small files of each table and partition; return how many files were replaced by how
-    many. Raises `RecordError`.
+    many.
 
-    May run beside publishers. The files that were replaced stay until `vacuum`.
+    May run beside publishers. The replaced files stay until `vacuum`. Raises `RecordError`.
     """
     expect_library()
     found = {}
@@ -268,10 +265,9 @@ def _compacted(store: Store, name: str) -> dict[str, int]:
 
 def vacuum(place: Place, days: float = LEAST_DAYS) -> dict[str, int]:
     """Delete files that no version of the last `days` needs; return the number for each table.
-    Raises `RecordError`.
 
-    Raises `UsageError` for less than seven days, and beside a publisher: its files are in no
-    version yet.
+    Raises `RecordError`; `UsageError` for less than seven days, and beside a publisher, whose files
+    are in no version yet.
     """
     if days < LEAST_DAYS:
         raise UsageError(
@@ -290,7 +286,7 @@ def vacuum(place: Place, days: float = LEAST_DAYS) -> dict[str, int]:
 
 def _vacuumed(place: Place, name: str, days: float) -> int:
     table = opened(place, name)
-    place.expect_plain(name)  # it would follow links
+    place.expect_plain(name)  # otherwise vacuum would follow links
     with explained(place.url):
         return len(table.vacuum(retention_hours=round(days * 24), dry_run=False, full=True))
 

@@ -1,6 +1,6 @@
 """The end of a run's record: its verdict, and the functions that close it.
 
-Loaded when the tools are safe: what reads sealed tables takes a tenth of a second and 18 MB.
+Imported when the tools are safe: what reads sealed tables takes a tenth of a second and 18 MB.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["conclude", "judge_run"]
 def judge_run(
     folder: Path, plan: Plan, manifest: Manifest, record: str | None, cut_short: Exit | None
 ) -> None:
-    """Put the verdict on sealed rows into `manifest`; `record`: what the record lacks."""
+    """Add the verdict on the sealed rows to `manifest`; `record`: what the record lacks."""
     stations = manifest.stations
     exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
     acceptance = {one.spec.name: one.recipe.acceptance for one in plan.stations}
@@ -50,7 +50,9 @@ def judge_run(
 
 
 def _joints(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Joints:
-    """Return the joints of the stations whose recipes limit them; only these load the analysis."""
+    """Return the joints of the stations whose recipes limit them; only these import the
+    analysis.
+    """
     if not stations:
         return {}
     try:

@@ -1,9 +1,9 @@
-"""Ends a run when it has recorded the requested number of units or joints.
+"""Ends a run at the requested number of units or joints.
 
 The feed of serials (`unit_feed`) counts units. A process beside the recorder (`live/joint_counter`)
 counts joints of all stations in the recorded data, as `Run.joints` does afterwards. If the joints
 cannot be counted, they end no run. The run ends at the first number reached, some seconds after the
-last joint. The manifest has the joints counted once more in the whole sealed record.
+last joint. The manifest has the joints counted again in the whole sealed record.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ Note = Callable[[str, str, Severity, float | None], None]
 
 
 def pause_s(missing: int, ports: int, took_s: float) -> float:
-    """Return how long to wait until all missing joints can have been made, and at least `REST`
-    times as long as a count took.
+    """Return how long to wait until all missing joints may have been made, at least `REST` times as
+    long as a count took.
     """
     soonest = LEAST_JOINT_S * missing / max(ports, 1)
     return max(min(max(soonest, LEAST_PAUSE_S), MOST_PAUSE_S), REST * took_s)
 
 
 class Goals:
-    """The goals of a run. Calls `end` once, with the reason, when one of them is reached; `note`
-    with events for the record.
+    """The goals of a run. Calls `end` once, with the reason, when a goal is reached; `note` gets
+    events for the record.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class Goals:
     def begin(self, folder: Path) -> None:
         """Start to count. Call it when the record has begun."""
         if any(goal.what == JOINTS for goal in self._goals):
-            # only where it is wanted: it takes a while to load
+            # imported only if needed, because it is slow
             from jbclog.live.joint_numbers import JointCounting
 
             self._counting = JointCounting(folder)
-            self._ask_at = time.monotonic() + LEAST_PAUSE_S  # by itself it counts seldom
+            self._ask_at = time.monotonic() + LEAST_PAUSE_S  # without requests it counts seldom
 
     def look(self) -> None:
         """Check the goals. Call it about once a second; never waits."""
@@ -77,7 +77,7 @@ class Goals:
         return self._joints if goal.what == JOINTS else self._finished
 
     def so_far(self) -> list[Goal]:
-        """Return the goals with their latest counts, for who shows the run."""
+        """Return the goals with their latest counts, for display."""
         return [replace(goal, reached=self.count(goal)) for goal in self._goals]
 
     def reached(self) -> list[Goal]:

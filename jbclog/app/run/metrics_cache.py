@@ -1,9 +1,9 @@
-"""Leaves the metrics of a finished run beside it, for `jbclog trend`: ``python -m
+"""Writes the metrics of a finished run beside it, for `jbclog trend`: ``python -m
 jbclog.app.run.metrics_cache RUN``.
 
-They need pandas and seconds of computing time, so a process of lowest priority computes them. It
-begins when the tools are safe and the run is sealed, and nobody waits for it: without it, or where
-it is killed, a trend computes the same from the record.
+They need pandas and seconds of CPU time, so a process of the lowest priority computes them. It
+starts when the tools are safe and the run is sealed, and nothing waits for it: if it is missing or
+killed, a trend computes the same from the record.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from jbclog.record.manifest import Manifest, manifest_sha256
 
 OFF: Final = "JBCLOG_NO_METRICS"
 NICENESS: Final = 19
-MOST_S: Final = 3600  # of its life; a week of one port takes half a minute
+MOST_S: Final = 3600  # lifetime; a week of one port takes half a minute
 WAIT_S: Final = 10.0
 MOST_SCORE: Final = b"1000"  # when memory is short, the system ends this process first
 OWN_SCORE: Final = Path("/proc/self/oom_score_adj")
 
 
 def start_metrics(folder: Path, manifest: Manifest) -> subprocess.Popen[bytes] | None:
-    """Start the process for a run with samples, and return it. Does not wait for it, except where
-    it would end with this one.
+    """Start the process for a run with samples, and return it. Waits for it only if it would be
+    ended together with this one.
     """
     has_samples = any(facts.first_tick is not None for facts in manifest.stations)
     if os.environ.get(OFF) or not manifest.is_sealed or not has_samples:
         return None
     child = None
-    with suppress(OSError, subprocess.TimeoutExpired):  # a cache is no reason to fail
+    with suppress(OSError, subprocess.TimeoutExpired):  # a missing cache is not a failure
         child = subprocess.Popen(
             [sys.executable, "-P", "-m", "jbclog.app.run.metrics_cache", str(folder)],
             stdin=subprocess.DEVNULL,
@@ -50,8 +50,8 @@ def start_metrics(folder: Path, manifest: Manifest) -> subprocess.Popen[bytes] |
 
 
 def _is_of_a_service() -> bool:
-    """Whether the system ends all other processes when this one ends: the first of a container, or
-    a service's own (systemd).
+    """Whether the system ends all other processes with this one: the first of a container, or a
+    service's main process (systemd).
     """
     return os.getpid() == 1 or os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid())
 
@@ -62,8 +62,8 @@ def main(arguments: list[str]) -> int:
     signal.alarm(MOST_S)
     with suppress(OSError):
         OWN_SCORE.write_bytes(MOST_SCORE)
-    warnings.simplefilter("ignore")  # of damage: missing data is not counted
-    import pyarrow as pa  # the process that records does not load these
+    warnings.simplefilter("ignore")  # about damage: missing data is not counted
+    import pyarrow as pa  # the recorder must not import these
 
     from jbclog.analysis.run import open_run
     from jbclog.analysis.run_metrics import computed_metrics
@@ -74,7 +74,7 @@ def main(arguments: list[str]) -> int:
     try:
         made_from = manifest_sha256(folder)
         cache_metrics(folder, computed_metrics(open_run(folder)), made_from)
-    except (RecordError, OSError) as error:  # it was moved, or the disk is full
+    except (RecordError, OSError) as error:  # the run was moved, or the disk is full
         return error.exit_code if isinstance(error, RecordError) else 1
     return 0
 

@@ -1,4 +1,4 @@
-"""What the user asks of a run, and what they state about it."""
+"""Options of a run, and what the user states about it."""
 
 from __future__ import annotations
 
@@ -46,12 +46,16 @@ def _option(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The options of a run. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
+    """Options of a run.
 
-    `metadata` is None in a dry run, where nobody was asked yet. `wire`: keep a serial capture.
-    `allow_missing`: leave out stations that do not start. `guard`: a guard makes the tools safe if
-    the recorder dies. The run ends after so many finished units, joints of all stations, or
-    `duration_s`, whichever comes first; without any of them when the user ends it.
+    - `rate`: Hz, ``auto``, ``fit``, ``max``, or None for the recipe's
+    - `metadata`: None in a dry run, in which nobody was asked yet
+    - `wire`: record a serial capture
+    - `allow_missing`: leave out stations that do not start
+    - `guard`: a guard makes the tools safe if the recorder dies
+
+    The run ends at the first of these: finished units, joints of all stations, `duration_s`;
+    without any of them when the user ends it.
     """
 
     line: Path
@@ -77,5 +81,5 @@ class RunOptions:
 
     @property
     def states_an_end(self) -> bool:
-        """Whether it ends by itself; one that does not is ended by Ctrl-C as it should be."""
+        """Whether the run has an end of its own; otherwise Ctrl-C is its regular end."""
         return self.duration_s is not None or bool(self.goals())

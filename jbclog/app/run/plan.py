@@ -38,7 +38,7 @@ from jbclog.session.rates import (
 from jbclog.session.scheduler import Demand
 
 WORK = ("working", "on")  # statuses that heat
-PORTS = (1, 2, 3, 4)  # of any station
+PORTS = (1, 2, 3, 4)  # port numbers of any station
 ANSWERING_PORTS = (1,)  # assumed if only the station knows its ports
 NOT_BESIDE_REPLAY = (
     "may be a real station, which must not run with the timing of [replay]: only `jbclog replay`"
@@ -49,7 +49,7 @@ PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
 
 @dataclass(frozen=True, slots=True)
 class StationPlan:
-    """One station of a plan. `family` is None for "auto". `ports` are the assumed ones."""
+    """Plan of one station. `family` is None for "auto". `ports` are the assumed ones."""
 
     spec: StationSpec
     family: Family | None
@@ -61,12 +61,12 @@ class StationPlan:
 
     @property
     def turnaround_s(self) -> float:
-        """The response time of the line file, or 0 (docs/reference/configuration.md)."""
+        """Response time of the line file, or 0 (docs/reference/configuration.md)."""
         return (self.spec.turnaround_ms or 0.0) / 1000
 
     @property
     def slowest_s(self) -> float | None:
-        """The longest response time in the family's manual, in seconds; None if it prints none."""
+        """Longest response time in the family's manual, in s; None if it states none."""
         return (
             None
             if self.family is None or self.family.turnaround_ms is None
@@ -75,23 +75,25 @@ class StationPlan:
 
     @property
     def asked_rate(self) -> float | str:
-        """The requested rate, by `--rate` or the recipe: Hz, ``auto``, ``fit`` or ``max``."""
+        """Requested rate, by `--rate` or the recipe: Hz, ``auto``, ``fit`` or ``max``."""
         return asked_rate(self.rate, self.recipe, self.family)
 
     @property
     def rate_hz(self) -> float | None:
-        """The rate at the assumed response time; 0.0: none fits, None: no pauses or unknown."""
+        """Rate at the assumed response time; 0.0: none fits, None: no pauses or unknown."""
         asked = self.asked_rate
         if not isinstance(asked, str):
             return asked
         if asked == AS_FAST_AS_POSSIBLE or self.family is None or self.demand is None:
             return None
-        # nothing is measured yet: the median and the longest are the same
+        # nothing is measured yet: median and longest are the same
         assumed = response(self.family, self.turnaround_s, self.turnaround_s)
         return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
 
     def writes(self) -> list[Setting]:
-        """Return every setting for this station, in order; those in place will not be written."""
+        """Return every setting for this station, in order; those already in place will not be
+        written.
+        """
         if self.family is None:
             return []
         found = station_settings_for(self.recipe, self.family)
@@ -137,7 +139,7 @@ class Plan:
 
     @property
     def recipes(self) -> dict[str, Recipe]:
-        """The recipes by their file name in the run's folder."""
+        """Recipes by their file name in the run's folder."""
         return {station.recipe_file: station.recipe for station in self.stations}
 
     @property
@@ -151,7 +153,7 @@ class Plan:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on settings that are valid and may not be intended."""
+        """Notes on settings that are valid but may not be intended."""
         plain = [
             *self._without_safe_state(),
             *self._not_put_to_work(),
@@ -242,8 +244,9 @@ def make_plan(wanted: RunOptions) -> Plan:
 
 
 def _load_files(wanted: RunOptions) -> tuple[Line, dict[str, Recipe]]:
-    """Return the line file, and each station's recipe by name. Raises `Problems` or `UsageError`
-    with the mistakes of all files.
+    """Return the line file, and each station's recipe by name.
+
+    Raises `Problems` or `UsageError` with the mistakes of all files.
     """
     problems: list[Problem] = []
     line = _load_line(wanted, problems)
@@ -266,7 +269,7 @@ def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
 def _load_recipes(
     wanted: RunOptions, line: Line | None, problems: list[Problem]
 ) -> dict[str, Recipe]:
-    """Return each station's recipe by name: its own, or the given one; reads a file once."""
+    """Return station -> recipe: its own, or the given one. Reads each file once."""
     read: dict[Path, Recipe | None] = {}
     found: dict[str, Recipe] = {}
 
@@ -302,7 +305,9 @@ def _chosen(line: Line, wanted: RunOptions) -> list[StationSpec]:
 def station_plan(
     spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: Replay | None = None
 ) -> StationPlan:
-    """Return the plan of one station. A replayed run uses its own rate if none is requested."""
+    """Return the plan of one station. A replayed run uses its own rate unless another is
+    requested.
+    """
     rate = (
         replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
     )
@@ -344,7 +349,9 @@ def _without_recipe(
 
 
 def _unused(line: Line, chosen: list[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
-    """Yield a given recipe that no station would use: the user expects it to be applied."""
+    """Yield a problem if no station would use the given recipe: the user expects it to be
+    applied.
+    """
     own = [os.path.realpath(spec.recipe) for spec in chosen if spec.recipe is not None]
     if (
         wanted.recipe is not None

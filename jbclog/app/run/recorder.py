@@ -50,24 +50,24 @@ from jbclog.transport.signals import Signals
 from jbclog.transport.system_ports import SharedPortWatch
 from jbclog.transport.typed_lines import LineSource
 
-if TYPE_CHECKING:  # loaded with --capture
+if TYPE_CHECKING:  # imported with --capture
     from jbclog.record.capture import Head
     from jbclog.record.capture_recorder import WireRecorder
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
-FIRST_PROCESS = 1  # of a container; the system ends all other processes with it
+FIRST_PROCESS = 1  # process id in a container; the system ends all other processes with it
 OF_A_CONTAINER = (
     "This recorder is the first process of its container: whatever kills it ends its guard with it."
     " Start the container with an init process (`docker run --init`)."
 )
 LOOK_EVERY_S = 1.0
-LOOK_AT_PORTS_EVERY_S = 10.0  # for other programs that have them open
+LOOK_AT_PORTS_EVERY_S = 10.0  # interval of looks for other programs that have the ports open
 
 
 class Recorder:
     """A run in progress in `folder`; `guarding` is its guard, which may have begun.
 
-    `missed` returns how many messages could not be shown; `units` gives the serials of units.
+    `missed` returns how many messages could not be shown; `units` reads the serials of units.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class Recorder:
 
     @property
     def stations(self) -> list[StationFacts]:
-        """What is known of each."""
+        """What is known of each station."""
         return [context.facts for context in self._contexts]
 
     def conduct(self, signals: Signals) -> Result:
@@ -148,7 +148,7 @@ class Recorder:
         self._run_record.begin()
         self._goals.begin(self._run_record.folder)
         for left in self._left_over:
-            # of an earlier run: an event here, not a deviation of this one
+            # left over by an earlier run: an event here, not a deviation of this one
             self._note(
                 "guard.left_over",
                 left.text,
@@ -256,7 +256,6 @@ class Recorder:
         )
 
     def _look(self) -> None:
-        """Do what is due every second."""
         self._freeze_sessions()
         self._look_at_clock()
         self._note_captures()
@@ -293,7 +292,7 @@ class Recorder:
             self._note("clock.step", text, Severity.WARNING, value=step)
 
     def _freeze_sessions(self) -> None:
-        """Keep the sessions from the garbage collector, until all have begun: a full pass would
+        """Freeze the sessions for the garbage collector, once all have begun: a full pass would
         delay 250 stations by 40 ms.
         """
         if self._have_all_begun:
@@ -328,7 +327,7 @@ class Recorder:
         return self._run_record.utc.micros(self._clock.monotonic())
 
     def _end_units(self) -> None:
-        """Finish the feed of serials; note a required unit that never came."""
+        """Finish the feed of serials; record a required unit that never came."""
         if self._units is None:
             return
         self._units.finish()

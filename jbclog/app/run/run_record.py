@@ -65,7 +65,7 @@ NOT_STARTED = "The run was not started."
 
 
 class Observer(Protocol):
-    """Shows the progress of a run, and cannot change it.
+    """Shows the progress of a run; cannot change it.
 
     `happened` is called in a thread of the record, after the record has the event.
     """
@@ -90,8 +90,8 @@ class Result:
 
 
 class RunRecord:
-    """The record of one run of `plan`, in the new `folder` below `out`, made here where none is
-    given. Times are those of `clock`.
+    """The record of one run of `plan`, in the new `folder` below `out`, created here if None. Times
+    are those of `clock`.
 
     `on_facts` gets the facts of a session before the session continues. `on_failure` is called in a
     thread of the record when rows cannot be stored. Raises `RecordError` if the record cannot
@@ -133,8 +133,8 @@ class RunRecord:
             raise RecordError(f"{error}. No station was touched") from error
 
     def begin(self) -> None:
-        """Copy the inputs and begin to take rows. Raises `RecordError`; no station has been touched
-        then.
+        """Copy the inputs and begin to take rows. Raises `RecordError`, before any station is
+        touched.
         """
         self._expect_readable()
         keep_text(self.folder, "line.toml", self._plan.line.text)
@@ -150,7 +150,7 @@ class RunRecord:
         )
 
     def look(self) -> None:
-        """Check whether the disk delays the record. Call it each second; never waits."""
+        """Check whether the disk delays the record. Call it every second; never waits."""
         self._store.check_stall()
 
     def _draft(self) -> Manifest:
@@ -173,7 +173,7 @@ class RunRecord:
         )
 
     def _cited(self, out: Path) -> list[TipCheck]:
-        """Return the tip verification of each assumed port; which of them exist is known at the
+        """Return the tip verification of each assumed port; which ports exist is known at the
         end.
         """
         places = [(one.spec.name, port) for one in self._plan.stations for port in _ports(one)]
@@ -226,12 +226,12 @@ class RunRecord:
         try:
             seal_in_child(self.folder, self._store.lock)
         except RecordError as error:
-            return failure or self._left(error)
+            return failure or self._failure_text(error)
         return failure
 
     def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
         """Judge the sealed rows and write the final manifest. `record` is what the record lacks."""
-        # only now: what reads sealed tables takes memory that hours of recording do without
+        # imported only now: reading sealed tables takes memory that hours of recording do without
         from jbclog.app.run.ending import conclude, judge_run
 
         stations, manifest = [context.facts for context in self.contexts], self.manifest
@@ -253,12 +253,12 @@ class RunRecord:
         try:
             self.manifest = conclude(self.folder, manifest, self._store.lock)
         except RecordError as error:
-            found.append(RunFinding(Exit.RECORD, self._left(error)))
+            found.append(RunFinding(Exit.RECORD, self._failure_text(error)))
         finally:
             self._store.release()
         return Result(self.folder, exit_code(found), found, self.manifest)
 
-    def _left(self, error: RecordError) -> str:
+    def _failure_text(self, error: RecordError) -> str:
         """Return what failed and what to do about it."""
         if self._store.lock.is_ours:
             return f"{error}; `jbclog recover {self.folder}` tries again"
@@ -285,7 +285,7 @@ class _Tap:
         if self._alarms is not None:
             try:
                 self._alarms.sample(row)
-            # of this program; what is derived must not end what is recorded
+            # an internal error; derived events must not end the recording
             except Exception as error:
                 self._without_alarms(row, error)
 
@@ -336,7 +336,6 @@ def _metadata(given: GivenMetadata) -> Metadata:
 
 
 def _host() -> dict[str, str]:
-    """Return host, user and versions."""
     found = {
         "name": socket.gethostname(),
         "system": _system(),
@@ -351,8 +350,8 @@ def _host() -> dict[str, str]:
 
 
 def _system() -> str:
-    """Return what `platform.platform()` does, which on Linux starts a process to ask for the
-    processor, and leaves its name out.
+    """Return what `platform.platform()` does, without the processor's name, for which it starts a
+    process on Linux.
     """
     if sys.platform != "linux":
         return platform.platform()

@@ -1,6 +1,6 @@
 """Carries out one run on real ports: the checks before it, its guard, then its recorder.
 
-The guard takes a tenth of a second to watch. It begins before most of the recorder is loaded, and
+The guard needs a tenth of a second to start. It starts before most of the recorder is imported, and
 the recorder waits for it (`recorder.py`).
 """
 
@@ -27,7 +27,7 @@ from jbclog.transport.cpu_limit import cpu_limit
 from jbclog.transport.opening import allow_ports
 from jbclog.transport.signals import Signals
 
-if TYPE_CHECKING:  # loaded while the guard starts
+if TYPE_CHECKING:  # imported while the guard starts
     from jbclog.app.run.recorder import Recorder
     from jbclog.app.run.run_record import Observer, Result
     from jbclog.transport.typed_lines import LineSource
@@ -74,16 +74,14 @@ def conduct(
 
             run = Recorder(plan, out, observer, seal_every_s, missed, units, folder, guarding)
             on_error.pop_all()
-        gc.freeze()  # what is loaded stays; to look through it would delay the first answers
-        gc.enable()  # `jbclog run` loads without it
+        gc.freeze()  # what is imported stays; a pass over it would delay the first answers
+        gc.enable()  # `jbclog run` imports without it
         return _conduct(run, out, signals)
 
 
 def _conduct(run: Recorder, out: Path, signals: Signals) -> Result:
     """Conduct `run`. If the system refuses a resource at the end, the error says what is known of
-    the tools.
-
-    There is no manifest then that says it.
+    the tools, because there is no manifest then.
     """
     try:
         return run.conduct(signals)
@@ -106,11 +104,8 @@ def heard() -> list[signal.Signals]:
 
 
 # -- job -------------------------------------------------------------------------------------------
-# A job: one run as it was asked for, whoever asked. `jbclog run` builds one of its options, a batch
-# one of each `[[job]]`.
-#
-# Both come to `carry_out`: the run of a line's stations by hand is the batch of one job, without a
-# queue around it.
+# A job is one requested run: `jbclog run` builds it from its options, a batch from a `[[job]]`.
+# Both call `carry_out`.
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +117,9 @@ class Job:
     name: str = "run"
 
     def plan(self) -> Plan:
-        """Read and check everything; send nothing. Raises `Problems`, `UsageError` with all."""
+        """Read and check everything; send nothing. Raises `Problems`, `UsageError` with all
+        mistakes.
+        """
         return make_plan(self.wanted)
 
 
@@ -143,7 +140,8 @@ def carry_out(
     planned(plan)
     with cpu_limit():
         result = conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
-    from jbclog.app.run.metrics_cache import start_metrics  # only now: hours of recording need none
+    # imported only now: hours of recording need none
+    from jbclog.app.run.metrics_cache import start_metrics
 
     start_metrics(result.folder, result.manifest)
     return result

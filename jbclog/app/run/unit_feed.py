@@ -4,22 +4,22 @@
   it. The same serial again has no effect.
 - A serial that was read before, with another one in between, is a repeat: its unit begins again,
   or, if the recipe refuses repeats, no unit does until another serial comes.
-- A line that is no serial, or a reader that is lost, ends the unit: whose joints follow is not
-  known. After a pipe that was closed in good order the last unit continues.
-- A unit interrupted by a refused serial or a line that is no serial continues when its serial comes
-  next; that is no repeat.
+- A line that is not a serial, or a lost reader, ends the unit: the following joints belong to no
+  known unit. After a pipe that was closed in good order the last unit continues.
+- A unit interrupted by a refused serial or a line that is not a serial continues when its serial
+  comes next; that is not a repeat.
 
 A unit is *finished* when another serial is read after it. If a number of units is wanted, the word
 `END_WORD` also finishes the last one. A refused serial finishes nothing by itself: the interrupted
 unit is finished by the next accepted serial, unless that is its own. A unit that ended in any other
-way is not known to be finished; nor is one shorter than `LEAST_WORK_US`, as in a list that somebody
-pasted. Each serial counts once. After the wanted number nothing more is read: a later serial is not
-of this run.
+way is not known to be finished; nor is one shorter than `LEAST_WORK_US`, as in a pasted list. Each
+serial counts once. After the wanted number nothing more is read: a later serial does not belong to
+this run.
 
 Kinds of events: `unit.begin` and `unit.end` (`raw` is the serial), `unit.again`, `unit.repeated`
 (`value` is how often it was read by now; an error if refused), `unit.finish` (the word that ends a
-unit), `unit.refused` (a line that is no serial), `unit.closed`, `unit.lost`, `unit.next` (a serial
-that is not of this run).
+unit), `unit.refused` (a line that is not a serial), `unit.closed`, `unit.lost`, `unit.next` (a
+serial that does not belong to this run).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource, LineSplitter, SourceLost, TypedLine
 
 LOOK_EVERY_S: Final = 0.1
-LOOKS_AT_END: Final = 64  # at lines not read yet
+LOOKS_AT_END: Final = 64  # looks at lines that are not read yet
 END_WORD: Final = "END"
 LEAST_WORK_US: Final = 1_000_000
 
@@ -48,8 +48,8 @@ def unit_after(event: EventRow, unit: str | None) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class _Interrupted:
-    """A unit that was interrupted by something other than a unit. `is_made`: the next unit shows
-    that it was finished.
+    """A unit interrupted by something other than a unit. `is_made`: the next unit shows that it was
+    finished.
     """
 
     serial: str
@@ -60,7 +60,7 @@ class _Interrupted:
 class UnitFeed:
     """Reads `source` and passes events to `keep`. `micros` returns the time, UTC microseconds.
 
-    With `wanted` it reads until so many units are finished; `on_bench_at_end` is the unfinished one
+    With `wanted`, reads until that many units are finished; `on_bench_at_end` is the unfinished one
     at the end of the run. With `refuses_repeats` no unit begins twice.
     """
 
@@ -91,7 +91,7 @@ class UnitFeed:
         self._now = self._looked = micros()
 
     def look(self) -> bool:
-        """Process what has come since; return whether there was anything. Never waits."""
+        """Process new lines; return whether there were any. Never waits."""
         if self._source is None:
             return False
         self._looked, self._now = self._now, self._micros()
@@ -189,7 +189,7 @@ class UnitFeed:
             self._note("unit.begin", text, line.text, Severity.WARNING)
 
     def _is_repeat(self, serial: str) -> bool:
-        """Whether it was read before, and is not the unit that was just interrupted."""
+        """Whether the serial was read before, and is not the unit that was just interrupted."""
         return serial in self._first_read and (
             self._interrupted is None or self._interrupted.serial != serial
         )

@@ -1,5 +1,5 @@
-"""The queue of the batch that runs on a folder of runs, read from its store without a lock on it
-and without writing.
+"""The queue of the batch that runs on a folder of runs, read from its store without locks or
+writes.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from jbclog.live.sqlite_rows import Value, roots, rows
 EVERY_S: Final = 2.0
 NOT_READABLE: Final = "{}: its queue cannot be read now: {}"
 MOST_JOBS: Final = 500
-LONGEST: Final = 120  # signs of why a job ended as it did; the table of `jbclog batch` has all
+LONGEST: Final = 120  # characters of why a job ended as it did; the table of `jbclog batch` has all
 
 _build_progress: Final = builder(JobProgress)
 
 
 class QueuedJob(NamedTuple):
-    """A job: its name, its state (`State`), and what there is to say of it."""
+    """A job: name, state (`State`), and a text about it."""
 
     name: str
     state: str
@@ -42,7 +42,7 @@ class QueuedJob(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BatchQueue:
-    """The jobs of a batch in their order; `text` says how far it has come."""
+    """The jobs of a batch in order; `text` is its progress."""
 
     text: str
     jobs: tuple[QueuedJob, ...] = ()
@@ -59,7 +59,7 @@ class QueueFollower:
         self._queues: tuple[BatchQueue, ...] = ()
 
     def poll(self) -> tuple[BatchQueue, ...]:
-        """Return the queue of each batch that runs now; none where none runs."""
+        """Return the queue of each running batch."""
         now = time.monotonic()
         if self._looked_at is None or now - self._looked_at >= EVERY_S:
             self._looked_at, self._queues = now, tuple(self._running())
@@ -107,7 +107,7 @@ def queue_of(home: Path) -> BatchQueue:
 
 
 def _read(path: Path) -> tuple[BatchState, dict[str, JobProgress]]:
-    """Return a batch's state and its attempts' progress. Raises OSError, Malformed."""
+    """Return a batch's state and its attempts' progress. Raises `OSError`, `Malformed`."""
     pages = DatabasePages(path)
     try:
         lines, attempts = pages.snapshot(

@@ -1,5 +1,5 @@
-"""What the page gets of a run: texts as the terminal shows them, and of each trace what is new
-since the last message.
+"""Messages to the page about a run: texts as in the terminal, and the points of each trace since
+the last message.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Json = dict[str, object]
 
 
 class Feed:
-    """Makes messages from states. `whole` is for a page that has nothing yet, `change` for those
+    """Makes messages from states. `whole` is for a page that has nothing yet, `change` for pages
     that have the last message.
     """
 
     def __init__(self, no_run: str = words.NO_RUN) -> None:
-        self._no_run = no_run  # what is shown without a run
+        self._no_run = no_run  # shown without a run
         self._state: RunState | None = None
         self._queues: Sequence[BatchQueue] = ()
         self._sent: dict[Key, float] = {}  # `last_s` of each trace
@@ -106,7 +106,7 @@ def _port(port: PortState, sent_s: float | None) -> Json:
 
 
 def _points(trace: Trace, sent_s: float | None) -> Json:
-    """The points after `sent_s`; all of them, to begin with, where the trace was begun anew."""
+    """Return the points after `sent_s`, or all of them if the trace has begun anew."""
     is_new = sent_s is None or trace.last_s < sent_s - SAME_S
     first = 0 if is_new or sent_s is None else _first_after(trace, sent_s)
     return {

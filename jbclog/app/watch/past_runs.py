@@ -1,5 +1,5 @@
-"""The runs of a folder and their reports, for the page. Takes no lock: an open run is known by its
-lock file alone.
+"""The runs of a folder and their reports, for the page. Takes no lock: an open run is recognized by
+its lock file.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME as MANIFEST
 
 MOST: Final = 100  # the newest ones
-MOST_TEXT: Final = 300  # characters of what a manifest says, as in the table of `jbclog runs`
+MOST_TEXT: Final = 300  # characters of the manifest's texts, as in the table of `jbclog runs`
 KEPT_S: Final = 1.0
 REPORT: Final = "report.html"
 NOT_READABLE: Final = "not readable"
 
 
 class RunList:
-    """The list of runs as JSON, read once for all who ask within `KEPT_S`: who asks without pause
-    makes no work, and keeps no thread from others.
+    """The list of runs as JSON, cached for `KEPT_S`, so that frequent requests cause no work and
+    block no thread.
     """
 
     def __init__(self, path: Path) -> None:
@@ -49,7 +49,7 @@ class RunList:
 
 def past_runs(path: Path) -> list[dict[str, object]]:
     """Return the newest runs of the folder at `path`, or of the folder of the run at `path`, newest
-    first. Raises OSError.
+    first. Raises `OSError`.
     """
     home = path.absolute().parent if is_run(path) else path
     names = sorted(
@@ -67,7 +67,7 @@ def _run(run: Path) -> dict[str, object]:
 
 
 def open_report(path: Path, name: str) -> BufferedReader:
-    """Open the page of run `name` beside or below `path`. Raises OSError, also if it has none."""
+    """Open the page of run `name` beside or below `path`. Raises `OSError`, also if it has none."""
     home = path.absolute().parent if is_run(path) else path
     if not RUN_NAME.fullmatch(name) or (home / name).is_symlink():
         raise FileNotFoundError(name)
@@ -83,7 +83,7 @@ def _text(run: Path) -> str:
 
 @lru_cache(maxsize=2 * MOST)
 def _manifest_text(run: Path, *_: int) -> str:
-    """Return what the manifest says, which is read again once the file is another one."""
+    """Return the text of a run from its manifest, cached until the file is replaced."""
     found = summary_of(run)
     if not isinstance(found, Found):
         return NOT_READABLE

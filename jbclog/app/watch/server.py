@@ -1,5 +1,5 @@
-"""The live view as a page: one process that follows a run, and any number of browsers that are
-shown it. By Starlette and uvicorn.
+"""The live view as a page: one process that follows a run and serves it to any number of browsers,
+with Starlette and uvicorn.
 
 1. It only reads, and answers GET and HEAD only.
 2. A request must name a host that this server was started for (against DNS rebinding), and come
@@ -8,7 +8,7 @@ shown it. By Starlette and uvicorn.
    cookie.
 4. Nothing is loaded from elsewhere: the policy allows this server's own files, no inline script or
    style, no frame.
-5. A browser that takes nothing for a while is disconnected; it connects again and gets the whole
+5. A browser that reads nothing for a while is disconnected; it connects again and gets the whole
    state. So is a connection without a whole request.
 """
 
@@ -44,9 +44,10 @@ from jbclog.live import RunState
 
 EVERY_S: Final = 0.5
 MOST_BROWSERS: Final = 100
-GRACE_S: Final = 2  # for answers on their way when the server ends
+GRACE_S: Final = 2  # for pending answers when the server ends
 WAITING: Final = 20  # messages for a slow browser
-PIECE: Final = 64 << 10  # of a report, or of the whole state: a client may take nothing
+# bytes of a report, or of the whole state, at once: a client may read nothing
+PIECE: Final = 64 << 10
 COOKIE: Final = "jbclog_token"
 LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 POLICY: Final = (
@@ -58,7 +59,7 @@ OF_REPORT: Final = (
     " 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; font-src data:; frame-ancestors"
     " 'none'"
 )
-"""The policy of a report: a file that may be anybody's has no origin here, and its own policy holds
+"""Policy of a report: the file may be foreign, so it has no origin here, and its own policy holds
 as well.
 """
 HEADERS: Final = (
@@ -68,8 +69,9 @@ HEADERS: Final = (
     (b"cache-control", b"no-store"),
 )
 ALONE: Final = (b"cross-origin-opener-policy", b"same-origin")
-"""Over plain HTTP by a host's name a browser ignores it with an error on its console. It sends
-`Sec-Fetch-Site` only where it would heed it, over HTTPS and on loopback; a proxy passes that on.
+"""Over plain HTTP, a browser that used a host name ignores this header, with an error on its
+console. It sends `Sec-Fetch-Site` only where it would obey it, over HTTPS and on loopback; a proxy
+passes that on.
 """
 HOME: Final = Path(__file__).parent / "static"
 UPLOT: Final = Path(__file__).parents[2] / "report" / "vendor" / "uplot"
@@ -91,14 +93,14 @@ Queue = asyncio.Queue[str | None]
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may look: the address that the server listens on, and a `token` if one is required."""
+    """Who may read: the address that the server listens on, and a `token` if one is required."""
 
     address: str
     token: str | None
 
     def knows_host(self, host: str) -> bool:
-        """Whether a request's header Host names this server. Its port may be another one: that of a
-        tunnel or a container.
+        """Whether the header Host of a request names this server. Its port may be that of a tunnel
+        or a container.
         """
         name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
         name = name.strip("[]").lower()
@@ -109,14 +111,14 @@ class Access:
         )
 
     def is_allowed(self, given: str | None) -> bool:
-        """Whether a token, of the address line or of a cookie, is right."""
+        """Whether a token, from the address line or a cookie, is right."""
         return self.token is None or (
             given is not None and hmac.compare_digest(given.encode(), self.token.encode())
         )
 
 
 def _is_own(name: str, address: str) -> bool:
-    """Whether a name can be this machine's, where the server listens on all addresses."""
+    """Whether a name can be this machine's, if the server listens on all addresses."""
     if not is_any(address):
         return False
     try:
@@ -128,14 +130,14 @@ def _is_own(name: str, address: str) -> bool:
 
 @cache
 def own_names() -> frozenset[str]:
-    """Return the names of this machine. Asked once: a resolver may take seconds, and each request,
-    with a token or without, could ask it.
+    """Return the names of this machine. Cached: a resolver may take seconds, and any request could
+    cause a lookup.
     """
     return frozenset((socket.gethostname().lower(), socket.getfqdn().lower()))
 
 
 def is_any(address: str) -> bool:
-    """Whether an address stands for all of this machine."""
+    """Whether an address stands for all addresses of this machine."""
     try:
         return ipaddress.ip_address(address).is_unspecified
     except ValueError:
@@ -186,7 +188,8 @@ class Guard:
             return PlainTextResponse("this server only reads", 405, {"allow": "GET, HEAD"})
         given = request.query_params.get("token")
         if given is not None and self._access.token is not None and self._access.is_allowed(given):
-            answer = RedirectResponse(request.url.path, 303)  # the token leaves the address line
+            # removes the token from the address line
+            answer = RedirectResponse(request.url.path, 303)
             answer.set_cookie(
                 COOKIE,
                 given,
@@ -204,7 +207,7 @@ class Guard:
 
 @dataclass(slots=True)
 class Broadcast:
-    """Reads `source` twice a second and hands each message to all browsers."""
+    """Reads `source` twice a second and sends each message to all browsers."""
 
     source: Source
     queues: Queues = tuple
@@ -229,7 +232,7 @@ class Broadcast:
         self.whole = None
         for queue in list(self.browsers):
             if queue.qsize() >= WAITING:
-                self.browsers.discard(queue)  # it has taken nothing for ten seconds
+                self.browsers.discard(queue)  # it has read nothing for ten seconds
                 while not queue.empty():
                     queue.get_nowait()
                 queue.put_nowait(None)
@@ -242,7 +245,7 @@ class Broadcast:
             queue.put_nowait(None)
 
     def join(self) -> Queue | None:
-        """Add a browser at once, so that requests together count; None: there are enough."""
+        """Add a browser at once, so that simultaneous requests count; None: there are enough."""
         if len(self.browsers) >= MOST_BROWSERS:
             return None
         queue = Queue()
@@ -250,8 +253,8 @@ class Broadcast:
         return queue
 
     async def messages(self, queue: Queue) -> AsyncIterator[str]:
-        """Yield what a browser gets: the whole state, then changes, until it is too slow."""
-        # a change that it has already may follow: the page leaves out points that it has
+        """Yield the messages for a browser: the whole state, then changes, until it is too slow."""
+        # the first change may repeat points; the page ignores those that it has
         if self.whole is None:
             self.whole = self.feed.whole()
         whole = _event(self.whole) if self.whole else ""
@@ -262,8 +265,8 @@ class Broadcast:
 
 
 class Stream(StreamingResponse):
-    """The messages to one browser, which leaves the broadcast with the end of its answer, also of
-    one that never began.
+    """The messages to one browser, removed from the broadcast when its answer ends, even one that
+    never began.
     """
 
     def __init__(self, broadcast: Broadcast, queue: Queue) -> None:
@@ -278,7 +281,7 @@ class Stream(StreamingResponse):
 
 
 class FileStream(StreamingResponse):
-    """An open file in pieces, closed with the end of the answer."""
+    """An open file in pieces, closed at the end of the answer."""
 
     def __init__(self, file: BufferedReader, media_type: str, headers: dict[str, str]) -> None:
         super().__init__(iter(partial(file.read, PIECE), b""), 200, headers, media_type)
@@ -347,8 +350,9 @@ def _file(path: Path, kind: str) -> Callable[[Request], Response]:
 
 
 def listening(address: str, port: int) -> socket.socket:
-    """Return a socket that listens. Raises UsageError where the port is in use or the address is
-    not this machine's.
+    """Return a listening socket.
+
+    Raises `UsageError` if the port is in use or the address is not this machine's.
     """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     opened = socket.socket(family, socket.SOCK_STREAM)
@@ -372,7 +376,7 @@ class PageServer(uvicorn.Server):
 
     def __init__(self, source: Source, access: Access, path: Path, queues: Queues = tuple) -> None:
         if is_any(access.address):
-            own_names()  # before anybody waits for it
+            own_names()  # cached before any client waits for it
         self._broadcast = Broadcast(source, queues, Feed(words.no_run(path)))
         app = application(self._broadcast, access, path)
         config = uvicorn.Config(
@@ -388,6 +392,6 @@ class PageServer(uvicorn.Server):
         super().__init__(config)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End the streams first, which would last for ever."""
+        """End the streams first; they would never end by themselves."""
         self._broadcast.end()
         await super().shutdown(sockets)

@@ -1,5 +1,5 @@
-"""The live view in the terminal: a tile for each port, the events below, a station in detail. By
-Textual.
+"""The live view in the terminal (Textual): a tile for each port, the events below, a station in
+detail.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ EVERY_S: Final = 0.5
 TILE: Final = 38  # columns
 SHOWN_EVENTS: Final = 200
 PLOT_LINES: Final = 8
-LINES_OF_TILES: Final = 14  # with the lines above and below them
-MOST_LINES, FEWEST_LINES = 9, 3  # of the events, with their title
+LINES_OF_TILES: Final = 14  # including the lines above and below them
+MOST_LINES, FEWEST_LINES = 9, 3  # lines of the events, with their title
 READING: Final = "reading …"
 NOT_READABLE: Final = "not readable"
 
@@ -56,7 +56,7 @@ class Tile(Static, can_focus=True):
 
     def show(self, port: PortState) -> None:
         self.port = port
-        # first: a tile that is cut off below, or has a long name, still shows how it stands
+        # first: visible even on a tile that is cut off below, or has a long name
         self.border_title = Content(f"{str(port.condition).upper()} · {words.port_name(port)}")
         self.set_classes(str(port.condition).replace(" ", "-"))
         self.update(Content("\n".join(words.port_lines(port, max(self.size.width, 1)))))
@@ -65,7 +65,7 @@ class Tile(Static, can_focus=True):
         self.show(self.port)
 
     def action_move(self, step: int, by_line: bool = False) -> None:
-        """Choose the tile `step` places or lines further on; this one where there is none."""
+        """Select the tile `step` places or lines ahead, or this one if there is none."""
         tiles = list(self.screen.query(Tile))
         a_line = sum(tile.region.y == tiles[0].region.y for tile in tiles)
         place = tiles.index(self) + step * (a_line if by_line else 1)
@@ -90,7 +90,7 @@ class StationScreen(Screen[None]):
         self.shows_hour = False
 
     def action_span(self) -> None:
-        """Show the last hour, or again the last minute."""
+        """Toggle between the last hour and the last minute."""
         self.shows_hour = not self.shows_hour
         self.show()
 
@@ -109,7 +109,7 @@ class StationScreen(Screen[None]):
         self.show()
 
     def show(self) -> None:
-        """Show the station as the app has it."""
+        """Show the station's current state."""
         run = self.app.run_state if isinstance(self.app, WatchApp) else None
         station = None if run is None else run.station(self.station)
         if run is None or station is None or not self.is_mounted:
@@ -135,7 +135,7 @@ class StationScreen(Screen[None]):
 
 
 class WatchApp(App[None]):
-    """Shows what `source` and `queues` return, twice a second."""
+    """Shows the results of `source` and `queues`, twice a second."""
 
     TITLE = "jbclog watch"
     ENABLE_COMMAND_PALETTE = False
@@ -202,7 +202,7 @@ class WatchApp(App[None]):
             self.call_from_thread(self._take, state, queues)
 
     def _take(self, state: RunState | None, queues: Sequence[BatchQueue]) -> None:
-        with suppress(NoMatches):  # the app ends: its parts are removed one by one
+        with suppress(NoMatches):  # the app is ending: its parts are removed one by one
             self.show_queues(queues)
             if state is not None:
                 self.show(state)
@@ -220,7 +220,7 @@ class WatchApp(App[None]):
             self.screen.show()
 
     def show_queues(self, queues: Sequence[BatchQueue]) -> None:
-        """Show the batches that run; nothing where none runs."""
+        """Show the running batches."""
         box, lines = self.screen_stack[0].query_one("#queue", Static), words.queue_lines(queues)
         box.display = bool(lines)
         box.border_title = Content(lines[0] if lines else "")
@@ -246,7 +246,7 @@ class WatchApp(App[None]):
             -SHOWN_EVENTS:
         ]
         lines, width = max(events.size.height, 1), max(events.size.width, 20)
-        # broken here and not by the box, so that the newest event is whole and older ones are cut
+        # wrapped here and not by the box, so that the newest event is whole and older ones are cut
         broken = [line for one in shown[-lines:] for line in wrap(one, width)]
         events.update(Content("\n".join(broken[-lines:]) or "no event"))
 
@@ -260,7 +260,7 @@ class WatchApp(App[None]):
         self.screen_stack[0].query_one("#head", Static).update(Content(text))
 
     def on_resize(self, event: Resize) -> None:
-        """Give the tiles their lines: on a low terminal events and queue get fewer, or none."""
+        """Give the tiles their lines: on a low terminal, events and queue get fewer or none."""
         lines = event.size.height - LINES_OF_TILES
         for name in ("#events", "#queue"):
             box = self.screen_stack[0].query_one(name, Static)
@@ -293,7 +293,6 @@ def _station_line(station: StationState) -> str:
 
 
 def _port_text(port: PortState, width: int, *, shows_hour: bool) -> str:
-    """A port with the plot of its last minute or hour."""
     lines = words.port_lines(port, width)
     lines[3:4] = (
         words.hour_plot(port, width, PLOT_LINES)

@@ -1,5 +1,5 @@
-"""Texts of the live view, the same in the terminal and on the page. A value that is not known never
-reads like one that is.
+"""Texts of the live view, the same in the terminal and on the page. Unknown values never look like
+known ones.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from jbclog.live.states import RUN_ENDED
 
 SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
-SPAN_C: Final = 5.0  # the least range of a sparkline, so that noise does not look like a change
-OLD_COUNT_S: Final = 20.0  # from which on a number of joints has its age beside it
+SPAN_C: Final = 5.0  # smallest range of a sparkline, so that noise does not look like a change
+OLD_COUNT_S: Final = 20.0  # age from which on a number of joints is shown with it
 LABEL: Final = 8  # columns of the labels of a plot
 NO_RUN: Final = "no run yet"
 WORST: Final = tuple(Condition)
@@ -41,7 +41,7 @@ NOTHING_KNOWN: Final = (Phase.CRASHED, Phase.DELAYED, Phase.UNREADABLE, Phase.GO
 
 
 def age_text(seconds: float) -> str:
-    """``0.3 s``, ``12 s``, ``5 min``, ``3 h``."""
+    """Return ``0.3 s``, ``12 s``, ``5 min``, ``3 h``."""
     for limit, size, unit in ((10, 1, "s"), (120, 1, "s"), (7200, 60, "min")):
         if seconds < limit:
             return f"{seconds / size:.1f} {unit}" if limit == 10 else f"{seconds / size:.0f} {unit}"
@@ -49,7 +49,7 @@ def age_text(seconds: float) -> str:
 
 
 def reading_text(reading: Reading, unit: str = "") -> str:
-    """``350 °C``, or ``unknown (timeout; last 350 °C, 12 s ago)``."""
+    """Return ``350 °C``, or ``unknown (timeout; last 350 °C, 12 s ago)``."""
     value = clean(f"{reading.value} {unit}".rstrip())
     if reading.is_known:
         return value
@@ -65,7 +65,7 @@ def reading_text(reading: Reading, unit: str = "") -> str:
 
 
 def power_text(reading: Reading) -> str:
-    """The power in percent."""
+    """Return the power in per cent."""
     if not isinstance(reading.value, int | float):
         return reading_text(reading)
     return reading_text(
@@ -74,13 +74,13 @@ def power_text(reading: Reading) -> str:
 
 
 def status_text(reading: Reading) -> str:
-    """The tool's status: ``working``, or ``status unknown (timeout; …)``."""
+    """Return the tool's status: ``working``, or ``status unknown (timeout; …)``."""
     text = reading_text(reading)
     return text if reading.is_known else f"status {text}"
 
 
 def coverage_text(coverage: Coverage) -> str:
-    """``99.8 % of 1200``; without a share where nothing was due."""
+    """Return ``99.8 % of 1200``; without a share if nothing was due."""
     if coverage.share is None:
         return "coverage unknown"
     share = (
@@ -94,8 +94,8 @@ def coverage_text(coverage: Coverage) -> str:
 
 
 def joints_text(joints: Joints) -> str:
-    """``joints 12``, ``joints 12 (3 min ago)``, or that their number is not known; `joints_why` has
-    the reason.
+    """Return ``joints 12``, ``joints 12 (3 min ago)``, or that their number is not known;
+    `joints_why` has the reason.
     """
     if joints.count is not None:
         return f"joints {joints.count}{joints_age(joints)}"
@@ -105,18 +105,18 @@ def joints_text(joints: Joints) -> str:
 
 
 def joints_age(joints: Joints) -> str:
-    """`` (3 min ago)`` where the number is so old that it matters."""
+    """Return `` (3 min ago)`` if the number is so old that it matters."""
     age_s = joints.age_s or 0.0
     return f" ({age_text(age_s)} ago)" if age_s >= OLD_COUNT_S else ""
 
 
 def joints_why(joints: Joints) -> str:
-    """Why the number of joints is not known; empty where it is."""
+    """Return why the number of joints is not known; empty if it is."""
     return "" if joints.why is None else f"joints: {clean(joints.why)}"
 
 
 def row_text(port: PortState) -> str:
-    """How old the newest row is, ``row 0.3 s ago``; an ended run brings no more."""
+    """Return the age of the newest row: ``row 0.3 s ago``."""
     if port.temperature.why == RUN_ENDED:
         return "no more rows"
     return "row of unknown age" if port.row_age_s is None else f"row {age_text(port.row_age_s)} ago"
@@ -128,7 +128,7 @@ def port_name(port: PortState) -> str:
 
 
 def port_lines(port: PortState, width: int) -> list[str]:
-    """The lines of a tile: readings, the last minute, age and coverage, what is wrong."""
+    """Return the lines of a tile: readings, the last minute, age and coverage, problems."""
     lines = [
         f"now {reading_text(port.temperature, '°C')}",
         f"set {reading_text(port.setpoint, '°C')}",
@@ -143,26 +143,28 @@ def port_lines(port: PortState, width: int) -> list[str]:
 
 
 def counts(port: PortState) -> list[str]:
-    """``joints 12``, and ``alarms 1`` where there was one, which may be over."""
+    """Return ``joints 12``, and ``alarms 1`` if there was one, which may be over."""
     alarms = [f"alarms {port.alarms_so_far}"] if port.alarms_so_far else []
     return [joints_text(port.joints), *alarms]
 
 
 def wrong(port: PortState) -> list[str]:
-    """The sentences of a port's alarms and problems; the port is named once, by its tile."""
+    """Return the sentences of a port's alarms and problems, without the port's name, which its tile
+    has.
+    """
     return [
         clean(text.removeprefix(f"Port {port.port}: ")) for text in (*port.alarms, *port.problems)
     ]
 
 
 def not_known(port: PortState, why: str) -> PortState:
-    """Return a port of which nothing is known any more."""
+    """Return the port with every reading unknown."""
     readings = {name: replace(one, age_s=None, why=why) for name, one in port.readings.items()}
     return replace(port, condition=Condition.STALE, readings=readings, row_age_s=None)
 
 
 def run_line(run: RunState) -> str:
-    """The run in one line: its name, phase, order and unit."""
+    """Return the run in one line: name, phase, order and unit."""
     facts = {
         "order": run.order,
         "product": run.product,
@@ -184,7 +186,7 @@ def worst(run: RunState) -> Condition | None:
 
 
 def title(run: RunState | None) -> str:
-    """The page's title: a phase in which nothing is known, else the worst condition."""
+    """Return the page's title: a phase in which nothing is known, else the worst condition."""
     if run is None:
         return NO_RUN.upper()
     return (
@@ -193,12 +195,12 @@ def title(run: RunState | None) -> str:
 
 
 def no_run(path: Path) -> str:
-    """What stands in the place of a run while a folder has none."""
+    """Return the text shown while a folder has no run."""
     return f"no run in {clean(str(path))} yet; it is shown as soon as one begins"
 
 
 def status_line(run: RunState) -> str:
-    """Counts of ports by condition, the worst first, and what holds for the whole run."""
+    """Return the counts of ports by condition, the worst first, and the run's problems."""
     conditions = [port.condition for port in run.ports]
     counts = [f"{conditions.count(one)} {one}" for one in WORST if one in conditions]
     text = [] if run.phase is Phase.RECORDING else [run.text]
@@ -206,7 +208,7 @@ def status_line(run: RunState) -> str:
 
 
 def event_line(numbered: NumberedEvent) -> str:
-    """An event in one line: local time, severity, place, text."""
+    """Return an event in one line: local time, severity, place, text."""
     event = numbered.event
     moment = time.strftime("%H:%M:%S", time.localtime(event.time // 1_000_000))
     text = event.text.removeprefix(f"{event.station}: ").removeprefix(f"Port {event.port}: ")
@@ -221,7 +223,7 @@ def event_line(numbered: NumberedEvent) -> str:
 
 
 def setting_rows(station: StationState) -> list[list[str]]:
-    """The settings of a station: heads, then a row for each; empty where none was read."""
+    """Return the settings of a station: heads, then a row for each; empty if none was read."""
     rows = [
         (one.name, _cell(one.port), _cell(one.tool), one.value or "unknown", one.unit, one.outcome)
         for one in station.settings
@@ -230,7 +232,7 @@ def setting_rows(station: StationState) -> list[list[str]]:
 
 
 def counter_rows(station: StationState) -> list[list[str]]:
-    """The counters of a station: heads, then a row for each; empty where none was read."""
+    """Return the counters of a station: heads, then a row for each; empty if none was read."""
     rows = [(one.name, _cell(one.port), _number(one), one.unit) for one in station.counters]
     return _rows(("counter", "port", "value", "unit"), rows)
 
@@ -248,7 +250,7 @@ def _rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[list[str]
 
 
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of cells as lines, each column as wide as its widest cell."""
+    """Return rows of cells as lines, each column as wide as its widest cell."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return [
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
@@ -257,7 +259,7 @@ def columns(lines: Sequence[Sequence[str]]) -> list[str]:
 
 
 def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
-    """Each batch that runs: how far it has come, and its jobs as a table without heads."""
+    """Return the progress of each running batch, and its jobs as a table without heads."""
     return [
         line
         for queue in queues
@@ -266,7 +268,7 @@ def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
 
 
 def zone_text() -> str:
-    """The zone of the times that are shown: ``UTC``, ``CET (UTC+0100)``."""
+    """Return the zone of the times shown: ``UTC``, ``CET (UTC+0100)``."""
     return time.strftime("%Z (UTC%z)").removesuffix(" (UTC+0000)")
 
 
@@ -275,8 +277,8 @@ def at_least(severity: Severity, event: NumberedEvent) -> bool:
 
 
 def sparkline(trace: Trace, width: int) -> str:
-    """Draw the temperature of the last minute as blocks, the newest at the right; a stretch without
-    a reading is blank.
+    """Draw the temperature of the last minute as blocks, the newest at the right; an interval
+    without a reading is blank.
     """
     means = _means(trace, width)
     low, high = _range(means)
@@ -314,7 +316,7 @@ def plot(trace: Trace, width: int, height: int, span_s: float = TRACE_S) -> list
 
 def hour_plot(port: PortState, width: int, height: int) -> list[str]:
     """Draw the last hour as `plot` does; its last column is the newest reading, so that no mean
-    hides what is now.
+    hides the present.
     """
     trace = _hour_to_now(port)
     if trace.last_s - min(trace.seconds, default=trace.last_s) < max(
@@ -325,7 +327,7 @@ def hour_plot(port: PortState, width: int, height: int) -> list[str]:
 
 
 def _hour_to_now(port: PortState) -> Trace:
-    """The hour's means up to the begin of the last minute, then that minute as it was read."""
+    """Return the hour's means up to the begin of the last minute, then that minute as read."""
     old, new = port.hour, port.trace
     count = bisect_left(old.seconds, new.seconds[0]) if new.seconds else len(old.seconds)
     return Trace(
@@ -341,7 +343,7 @@ def _block(step: int | None, line: int) -> str:
 
 
 def _means(trace: Trace, width: int, span_s: float = TRACE_S) -> list[float | None]:
-    """Return the mean temperature of each of `width` stretches of the last `span_s` seconds."""
+    """Return the mean temperature of each of `width` intervals of the last `span_s` seconds."""
     stretches: list[list[float]] = [[] for _ in range(max(width, 1))]
     for seconds, value in zip(trace.seconds, trace.temperature_c, strict=True):
         if value is not None:
@@ -351,8 +353,8 @@ def _means(trace: Trace, width: int, span_s: float = TRACE_S) -> list[float | No
 
 
 def _place(before_s: float, width: int, span_s: float) -> int:
-    """Return the stretch, of `width`, in which a row lies that came so many seconds (negative)
-    before the newest one.
+    """Return the interval, of `width`, of a row `before_s` (negative) seconds from the newest
+    one.
     """
     return min(max(int((before_s + span_s) / span_s * width), 0), width - 1)
 
@@ -360,7 +362,7 @@ def _place(before_s: float, width: int, span_s: float) -> int:
 def _without_thin_gaps(
     means: list[float | None], trace: Trace, span_s: float
 ) -> list[float | None]:
-    """Fill stretches that are blank only because they are shorter than the distance of two rows."""
+    """Fill intervals that are blank only because they are shorter than the distance of two rows."""
     rows = {_place(seconds - trace.last_s, len(means), span_s) for seconds in trace.seconds}
     first = min(rows, default=len(means))
     filled: list[float | None] = []

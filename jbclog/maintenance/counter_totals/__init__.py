@@ -1,5 +1,4 @@
-"""How far a counter advanced over years of audits, through resets, roll-overs and exchanged
-stations.
+"""The advance of a counter over years of audits, through resets, roll-overs and exchanged stations.
 
 Start with `observed.py`, then `totals.py` (kinds and rules), `tracing.py`, `judging.py` and
 `span.py`.

@@ -1,4 +1,4 @@
-"""What the difference of a counter that was not reset means: it advanced, rolled over, was misread,
+"""Meaning of the difference of a counter that was not reset: it advanced, rolled over, was misread,
 or is in doubt.
 """
 
@@ -59,7 +59,7 @@ MakeSpan = Callable[[Reading, Reading], Span]
 
 
 def misread(readings: Sequence[Reading], span: MakeSpan) -> set[int]:
-    """Return the looks whose reading of this counter is to be left out."""
+    """Return the looks whose reading of this counter is ignored as misread."""
     wrong: set[int] = set()
     before = 0
     for place in range(1, len(readings) - 1):
@@ -86,7 +86,7 @@ def _is_wrong(before: Reading, this: Reading, after: Reading, span: MakeSpan) ->
 # how often the other did.
 
 Ratios = Mapping[tuple[int, str], Interval]
-"""By port and counter: the range of its advance for each count of its companion, with a margin."""
+"""Port and counter -> range of its advance per count of its companion, with a margin."""
 
 COMPANION: Final = {"dispensed_mm": "dispensed_cycles"}
 OPEN: Final = ("can_have_rolled_over", "rolled_over_unknown_times")
@@ -96,7 +96,9 @@ MARGIN: Final = 2.5  # factor by which another product may take more or less
 
 
 def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interval]:
-    """Return the ratios seen in known differences; none for one with fewer than `LEAST_SEEN`."""
+    """Return the ratios seen in known differences; none for a counter with fewer than
+    `LEAST_SEEN`.
+    """
     seen: dict[tuple[int, str], list[float]] = {}
     for judged in map(list, looks):
         for one in judged:
@@ -113,7 +115,7 @@ def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interv
 
 
 def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Judged:
-    """Return `judged`, or its roll-overs if only one number fits its companion's count."""
+    """Return `judged`, or its roll-overs if only one number of them fits its companion's count."""
     span = judged.span
     ratio = ratios.get((span.port, span.counter)) if judged.rule in OPEN else None
     beside = _beside(judged, others) if ratio is not None else None

@@ -1,5 +1,5 @@
-"""Looks without an event: every counter continues, and every port rules out a reset. Most looks are
-such.
+"""Looks without an event, which most are: every counter continues, and every port rules out a
+reset.
 
 A long ledger has half a million differences. The fast path applies the rules of `advance.py` and
 `span.py` to a whole look at once, in plain numbers, and leaves every other look to them.
@@ -20,8 +20,8 @@ Readings = Mapping[Key, Reading]
 
 @dataclass(slots=True)
 class Counter:
-    """The constants of a counter. `pace`: the greatest usual advance per hour of `hours`; None if
-    too little was seen.
+    """Constants of a counter. `pace`: the greatest usual advance per hour of `hours`; None if too
+    little was seen.
     """
 
     key: Key
@@ -78,7 +78,8 @@ def lasted_h(
     """Return how long a counter of events can have counted: by its first hour counter, or by the
     elapsed time.
 
-    An hour counter at its last number may have stopped, and is not used."""
+    An hour counter at its last number may have stopped, and is not used.
+    """
     for key in hours:
         before, after = last.get(key), now.get(key)
         if (

@@ -17,7 +17,7 @@ MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of
 
 @dataclass
 class History:
-    """One station of one line. `looks`: observations that it answered; `all`: the others, too."""
+    """One station of one line. `looks`: observations that it answered; `all`: all observations."""
 
     line: str
     station: str

@@ -1,5 +1,5 @@
-"""What the difference between two readings of a counter is, before its text is made, and the rules
-by which that is decided.
+"""Judgement of the difference between two readings of a counter, before its text is made, and the
+rules that decide it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from jbclog.maintenance.counter_totals.totals import CONTINUED, DifferenceKind, 
 
 
 class Judged(msgspec.Struct, frozen=True, gc=False):
-    """A span and what it means. `lost`: the advance between the last reading and the reset; for a
+    """A span and its meaning. `lost`: the advance between the last reading and the reset; for a
     loose join the whole advance.
     """
 
@@ -41,7 +41,7 @@ def since_zero(span: Span) -> Interval:
 
 
 def rolled_over(span: Span, times: int) -> Interval:
-    """Return the advance with so many roll-overs."""
+    """Return the advance with `times` roll-overs."""
     if not times:
         return span.worked
     by, step = times * span.modulus, span.trait.step

@@ -1,4 +1,4 @@
-"""What happened to a station between two audits, and the resulting advance of each counter.
+"""Events of a station between two audits, and the resulting advance of each counter.
 
 A reset is assumed to set every counter of a port to zero. A counter that fell and cannot have
 rolled over proves one; a counter that shows more than could be counted since the last look rules it
@@ -37,7 +37,7 @@ class Unit(Enum):
     """Which unit was read."""
 
     SAME = "same"
-    EITHER = "either"  # the same one after a reset, or a hardly used other one
+    EITHER = "either"  # the same one after a reset, or another one that was hardly used
     OTHER = "other"
 
 
@@ -54,7 +54,7 @@ def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> U
 
 
 def is_ordinary(span: Span) -> bool:
-    """Whether a continued count explains it, roll-overs included."""
+    """Whether a continued count, roll-overs included, explains a span."""
     return span.can_continue or bool(span.roll_overs(span.most))
 
 
@@ -116,9 +116,12 @@ class Reset(Enum):
 
 @dataclass(slots=True)
 class Resets:
-    """Known resets. `stated`: hours from the look before to a recorded reset, by port (0: all).
-    `found`: the last look that found a reset, and whether it is certain, by port. `other`: the last
-    look before which the unit may have been exchanged."""
+    """Known resets.
+
+    - `stated`: port (0: all) -> hours from the look before to a recorded reset
+    - `found`: port -> the last look that found a reset, and whether it is certain
+    - `other`: the last look before which the unit may have been exchanged
+    """
 
     stated: Mapping[int, float] = field(default_factory=dict)
     found: dict[int, tuple[int, Reset]] = field(default_factory=dict)
@@ -128,13 +131,13 @@ class Resets:
         return self.stated.get(port, self.stated.get(0))
 
     def across(self, span: Span) -> Reset:
-        """Return the reset that a look within the span found without reading this counter."""
+        """Return the reset found by a look within the span that did not read this counter."""
         look, reset = self.found.get(span.port, (-1, Reset.NO))
         return reset if look > span.before.look else Reset.NO
 
 
 def judge(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
-    """Judge all counters of a station at one look; enters the resets that it finds in `resets`."""
+    """Judge all counters of a station at one look; adds the resets found to `resets`."""
     untimed = [
         loose(one, "clock_ran_back", Interval(0.0, math.inf))
         for one in spans
@@ -183,7 +186,8 @@ def _at_look(
 
 def _unit(by_port: Mapping[int, Sequence[Span]], across: Sequence[Span], resets: Resets) -> Unit:
     """Return which unit was read. Spans `across` a look that found a reset, or may hide one, need
-    not be ordinary: they may end in what the reset left."""
+    not be ordinary: they may end in what the reset left.
+    """
     odd = [one for one in across if not is_ordinary(one)]
     if not all(one.can_be_reset for one in odd):
         return Unit.OTHER
@@ -205,7 +209,7 @@ INEXPLICABLE: Final = (
 
 
 def _or_other(judged: Judged, unit: Unit) -> Judged:
-    """Widen a judgement by the chance that another unit was read."""
+    """Widen a judgement by the possibility that another unit was read."""
     span = judged.span
     worked = Interval(0.0, max(judged.delta.high, span.at_most))
     if judged.rule in OF_RESET and unit is Unit.EITHER:
@@ -231,8 +235,8 @@ def _beside_another(span: Span) -> Judged:
 
 
 def _verdicts(by_port: Mapping[int, Sequence[Span]], resets: Resets) -> dict[int, Reset]:
-    """Return the reset by port. One that no counter shows is possible beside a port that was reset,
-    or if every port allows it.
+    """Return the reset of each port. A reset that no counter shows is possible beside a port that
+    was reset, or if every port allows it.
     """
     seen = {port: _shown(group, resets.stated_h(port)) for port, group in by_port.items()}
     can_hide = [port for port, group in by_port.items() if _can_hide(group)]
@@ -295,11 +299,12 @@ def _was_reset(span: Span, rest_h: float, stated_h: float | None) -> Judged:
 
 
 def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> float:
-    """Return the greatest possible advance before the reset: in the elapsed time less the hours
+    """Return the greatest possible advance before the reset: in the elapsed time minus the hours
     shown since.
 
     For a counter that may have rolled over since the reset: all that was possible beyond what it
-    shows."""
+    shows.
+    """
     if span.at_most >= span.modulus:
         return span.at_most - span.after.shown.low
     hours = max(0.0, span.elapsed_h * DRIFT - rest_h)
@@ -310,7 +315,6 @@ def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> f
 
 
 def _or_reset(judged: Judged, rest_h: float) -> Judged:
-    """Widen a judgement by the chance of a reset."""
     span, from_zero = judged.span, since_zero(judged.span)
     high = from_zero.high + _lost_at_most(span, rest_h)
     both = Interval(min(judged.delta.low, from_zero.low), max(judged.delta.high, high))

@@ -1,4 +1,4 @@
-"""What an audit reads of a station, and the properties of each kind of counter.
+"""Observations of a station by an audit, and the properties of each kind of counter.
 
 Times are UTC as ISO 8601 with ``+00:00``. `seq` and `prev_sha256` are the ledger's and set when a
 line is added.
@@ -31,7 +31,8 @@ LEAST_MODULUS: Final = 16.0**HEX_DIGITS / 10
 class Trait:
     """`step`: two readings that differ by d stand for d - step to d + step. `fastest`: the greatest
     plausible advance per hour of the first existing counter in `hours`, or of elapsed time if
-    `hours` is empty."""
+    `hours` is empty.
+    """
 
     step: float
     fastest: float
@@ -59,7 +60,7 @@ def trait_of(counter: str) -> Trait:
 
 
 def modulus_of(counter: str, shown: Iterable[float]) -> float:
-    """Return where the counter rolls over; a length: at least the width that it has shown."""
+    """Return where the counter rolls over; for a length, at least the width that it has shown."""
     if counter != "dispensed_mm":
         return FIVE_DIGITS
     modulus, most = LEAST_MODULUS, max(shown, default=0.0)
@@ -81,7 +82,7 @@ class Standing(StrEnum):
 
 # a ledger has hundreds of thousands; a dataclass takes six times as long
 class Count(msgspec.Struct, frozen=True, gc=False):
-    """A counter of a port as it was read. Names and units are those of the table `counters`.
+    """A counter of a port as read. Names and units are those of the table `counters`.
 
     `value` is null unless `standing` is ``ok``; `values` are all reads in order; `why` is the
     reason for ``unread`` (`timeout`, `nak4`, ...).
@@ -98,8 +99,8 @@ class Count(msgspec.Struct, frozen=True, gc=False):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a station reports as its identity. No manual prints a serial number; `uid` comes from
-    the line file or from people.
+    """Identity that a station reports. No manual prints a serial number; `uid` comes from the line
+    file or from people.
     """
 
     family: str

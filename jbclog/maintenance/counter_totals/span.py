@@ -77,7 +77,9 @@ class Elapsed:
         return look in self._is_right
 
     def at_most_h(self, begin: int, end: int) -> float:
-        """Return the most hours between two looks; infinite before one with a right clock."""
+        """Return the maximum hours between two looks, from the nearest looks with a right clock
+        around them; infinite without these.
+        """
         right = self._right
         before, after = bisect_right(right, begin) - 1, bisect_left(right, end)
         if before < 0 or after == len(right):
@@ -114,16 +116,20 @@ def top_of(modulus: float, trait: Trait) -> float:
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):
-    """What a counter showed at a look (number in the history); a moving one showed a range."""
+    """Reading of a counter at a look (number in the history); a moving one showed a range."""
 
     look: int
     shown: Interval
 
 
 class Span(msgspec.Struct, frozen=True, gc=False):
-    """From one reading to a later one. `elapsed_h`: at most. `most`: the advance at the fastest
-    plausible rate; `usual`: at ten times the fastest rate seen. `grown`: the difference of the
-    readings, with both values of a moving one."""
+    """From one reading to a later one.
+
+    - `elapsed_h`: at most
+    - `most`: the advance at the fastest plausible rate
+    - `usual`: at ten times the fastest rate seen
+    - `grown`: the difference of the readings, with both values of a moving one
+    """
 
     port: int
     counter: str
@@ -173,7 +179,7 @@ class Span(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def can_be_reset(self) -> bool:
-        """Whether it can have counted from zero to what it shows since the last reading."""
+        """Whether it can have counted from zero to its reading since the last one."""
         shown = self.after.shown.low
         return shown <= (
             self.elapsed_h * DRIFT if self.trait.is_time else self.elapsed_h * self.trait.fastest

@@ -1,4 +1,4 @@
-"""The total use since the first audit, across resets, roll-overs and exchanged stations.
+"""Total use since the first audit, across resets, roll-overs and exchanged stations.
 
 A counter shows whole steps: 412 hours are 412.0 to 413.0. Only the first and the last reading of a
 continued series count, so that its sum is as exact as two readings.
@@ -18,7 +18,7 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
 class DifferenceKind(StrEnum):
-    """What a difference between two readings of a counter is; its values are in audits' files."""
+    """Kind of a difference between two readings of a counter; the values are in audits' files."""
 
     NORMAL = "normal"
     ZERO = "zero"
@@ -98,8 +98,8 @@ class CounterTotal:
     """The advance from `since` (UTC) to the last reading: `total` contains the true value;
     `is_known`: no difference is in doubt.
 
-    `first` is what the counter showed at `since`. `marks` are all differences other than known
-    normal and zero ones, oldest first.
+    `first` is the reading at `since`. `marks` are all differences other than known normal and zero
+    ones, oldest first.
     """
 
     total: Interval
@@ -120,7 +120,8 @@ class Join(StrEnum):
 
 class Point(msgspec.Struct, frozen=True, gc=False):
     """A reading and how it follows the one before. `shown` includes roll-overs; `lost`: the advance
-    lost by a reset; for a loose join the whole advance."""
+    lost by a reset; for a loose join the whole advance.
+    """
 
     look: int
     time: str

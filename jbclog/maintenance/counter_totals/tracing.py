@@ -1,4 +1,4 @@
-"""Trace every counter through a station's history.
+"""Traces every counter through a station's history.
 
 A history with doubtful roll-overs is traced twice: the first pass learns the counters' rates and
 ratios from known differences.
@@ -135,7 +135,7 @@ class _Pass:
         self._last: dict[Key, Reading] = {}
         self._of_other: dict[Key, Reading] = {}
         self._resets = Resets()
-        self._rolled: dict[Key, float] = {}  # what roll-overs add to a reading
+        self._rolled: dict[Key, float] = {}  # added to a reading for its roll-overs
 
     def _counter(self, key: Key, found: Sequence[Reading]) -> Counter:
         return Counter(

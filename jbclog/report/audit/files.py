@@ -1,11 +1,11 @@
-"""An audit as CSV, with a row for each thing that is known or not known, and as one JSON object.
+"""An audit as CSV, with a row for each value known or not known, and as one JSON object.
 
-Each CSV row names its audit, line and station. `kind` is what it is about: a `station` (its state
-is that of its worst task), a `counter` (`value` as read, `low` and `high` the work since `since`,
+Each CSV row names its audit, line and station. `kind` is its subject: a `station` (its state is
+that of its worst task), a `counter` (`value` as read, `low` and `high` the work since `since`,
 `state` the kind of the last difference), a `task` (`value` its service interval, `low` and `high`
 the used per cent), a `use` figure, an `error` as read now, a `parameter` that drifted, a `note`.
-Times are UTC in ISO 8601. Without an upper end `high` is empty, as is what is not known; JSON has
-null there.
+Times are UTC in ISO 8601. `high` is empty without an upper bound, and unknown values are empty;
+JSON has null there.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ Plain = dict[str, object]
 
 
 def plain_audit(audit: FleetAudit) -> Plain:
-    """Return everything in it, with each station's state and findings."""
+    """Return the whole audit, with each station's state and findings."""
     return plain(audit) | {"stations": [_station(one) for one in audit.stations]}
 
 

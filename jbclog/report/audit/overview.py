@@ -1,7 +1,7 @@
-"""The overview of an audit, and how ranges, dates and states are written.
+"""The overview of an audit, and the format of ranges, dates and states.
 
 Used-up service intervals are ordered by their use, the others by their due date. A station that did
-not answer has the state of its last readings; without a worse one it stands between tasks that are
+not answer has the state of its last readings; unless that is worse it stands between tasks that are
 due soon and those that are not known.
 """
 
@@ -26,9 +26,9 @@ STATES: Final = {
     State.UNKNOWN: ("unknown", "?", "not known"),
     State.FINE: ("fine", "✓", "fine"),
 }
-"""The class on the page, a sign that needs no colour, and a word for each state."""
+"""State -> class on the page, a sign that needs no colour, a word."""
 
-OFF_SCALE: Final = 1000  # per cent; beyond it the exact share does not matter
+OFF_SCALE: Final = 1000  # per cent; above it the exact share does not matter
 USED_UP: Final = "service interval used up"
 
 COUNTERS: Final = {
@@ -48,8 +48,8 @@ COUNTERS: Final = {
 
 
 def span(value: Interval | None, digits: int = 0) -> str:
-    """Return ``40 to 42``; one number where both ends read alike; ``40 or more`` without a bound; a
-    dash for not known.
+    """Return ``40 to 42``; one number if both ends read alike; ``40 or more`` without a bound; a
+    dash if not known.
     """
     if value is None:
         return "–"
@@ -59,7 +59,7 @@ def span(value: Interval | None, digits: int = 0) -> str:
 
 
 def percent(value: Interval | None) -> str:
-    """Return ``81 to 84 %``. Never rounded up: 99.9 % of an interval is not all of it."""
+    """Return ``81 to 84 %``, never rounded up: 99.9 % of an interval is not all of it."""
     if value is None:
         return "–"
     low = floor(value.low + 1e-9)
@@ -86,8 +86,8 @@ def of_life(task: TaskState) -> str:
 
 
 def window(task: TaskState) -> str:
-    """Return ``2027-03-12 to 2027-06-04``; one day only for tasks by calendar; the reason where
-    there is no range.
+    """Return ``2027-03-12 to 2027-06-04``; a single day for tasks by calendar; the reason if there
+    is no range.
     """
     if task.due is not None:
         return _by_calendar(task) if task.counter == DAYS else _range(task.due)
@@ -172,7 +172,7 @@ class DueRow:
 
 @dataclass(frozen=True, slots=True)
 class AuditOverview:
-    """The headline (class, sign, words), how many stations are in each state, reasons, and the
+    """The headline (class, sign, words), the number of stations in each state, reasons, and the
     rows.
     """
 
@@ -200,7 +200,7 @@ def _row(station: StationAudit) -> DueRow:
 
 
 def _urgency(task: TaskState) -> tuple[float, str, float]:
-    """Return the order of a task, less is worse: by state, by its first due day, by its use."""
+    """Return the sort key of a task, less is worse: by state, by its first due day, by its use."""
     first = NEVER if task.due is None or task.due.p10 is None else task.due.p10
     is_used_up = task.state in (State.OVERDUE, State.DUE)
     return WORST_FIRST.index(task.state), "" if is_used_up else first, -_reached(task)
@@ -211,8 +211,8 @@ def _reached(task: TaskState) -> float:
 
 
 def is_baseline(audit: FleetAudit) -> bool:
-    """Whether all stations were read, each for the first time, and nothing is due: there is nothing
-    to compare with yet.
+    """Whether all stations were read for the first time and nothing is due: there is nothing to
+    compare with yet.
     """
     is_calm = not audit.wrong and not any(
         one.doubts or any(task.state in URGENT for task in one.tasks) for one in audit.stations

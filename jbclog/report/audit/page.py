@@ -1,7 +1,7 @@
 """The page of an audit: one HTML file without links to other files. The same audit gives the same
 bytes.
 
-The template engine cleans and escapes all text from outside; drawings hold numbers only; a content
+The template engine cleans and escapes all foreign text; drawings contain numbers only; a content
 security policy forbids every request and every script.
 """
 
@@ -36,11 +36,11 @@ from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import listed, overview_of, span
 from jbclog.report.page_template import environment
 
-# of what a ledger can have without end; the JSON file has all of it
+# longest lists on the page, because a ledger may grow without limit; the JSON file has all
 MOST_MARKS: Final = 200
 MOST_OF_A_MARK: Final = 50  # counters; a port has twelve
 MOST_FACTS: Final = 200
-MOST_METERS: Final = 20_000  # of four hundred stations with four ports
+MOST_METERS: Final = 20_000  # counters of four hundred stations with four ports
 MOST_TEXT: Final = 10_000  # characters, as on a terminal
 SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 OK: Final = "ok"
@@ -48,7 +48,7 @@ OK: Final = "ok"
 
 @dataclass(slots=True)
 class Notes:
-    """Reasons why something is not known, numbered in the order of their first use."""
+    """Reasons why something is not known, numbered by first use."""
 
     texts: list[str] = field(default_factory=list)
 
@@ -70,14 +70,14 @@ class UseRow:
     notes: Notes
 
     def text(self, name: str, digits: int = 0) -> str:
-        """Return the range of a figure in words, or the number of the reason why there is none."""
+        """Return the range of a figure as text, or the number of the reason why there is none."""
         figure = self.figures.get(name)
         if figure is None or figure.range is None:
             return self.notes.sign("not computed" if figure is None else figure.why)
         return span(figure.range, digits)
 
     def bound(self, name: str, digits: int = 0) -> str:
-        """Return as `text` does, for a figure that is a bound itself."""
+        """As `text`, for a figure that is itself a bound."""
         figure = self.figures.get(name)
         if figure is None or figure.value is None:
             return self.text(name, digits)
@@ -91,7 +91,9 @@ class UseRow:
 
     @property
     def shares(self) -> tuple[float, float, float] | None:
-        """Worked, slept, without tool, per cent of the time plugged in; None: one is not known."""
+        """Worked, slept, without tool, in per cent of the time plugged in; None: one is not
+        known.
+        """
         work, sleep, tool = (
             self.value(name) for name in ("use_percent", "sleep_percent", "no_tool_percent")
         )
@@ -99,7 +101,7 @@ class UseRow:
 
 
 def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
-    """Return the use of each station, the most used first; those without data last."""
+    """Return the use of each station, the most used first, those without data last."""
     rows = [
         UseRow(station, {one.name: one for one in station.use if one.port is None}, notes)
         for station in audit.stations
@@ -115,14 +117,14 @@ def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
 
 
 def courses(audit: FleetAudit) -> list[tuple[Week, ...]]:
-    """Return the years of the stations of which any week is known."""
+    """Return the years of stations of which any week is known."""
     return [
         station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)
     ]
 
 
 def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
-    """Return the sum of all stations that are known in a week, with their number."""
+    """Return for each week the sum over the stations known in it, with their number."""
     return [_together(weeks) for weeks in zip(*courses(audit), strict=False)]
 
 
@@ -165,9 +167,7 @@ def _setting(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class CounterChange:
-    """Unusual changes of counters of one port that have the same interpretation, each with its
-    unit.
-    """
+    """Unusual changes of counters of one port with the same interpretation, each with its unit."""
 
     station: str
     port: int
@@ -181,7 +181,7 @@ class CounterChange:
 
 
 def marks(audit: FleetAudit) -> list[CounterChange]:
-    """Return all of them, the latest first, without certain roll-overs (`turns`)."""
+    """Return all changes, the latest first, without certain roll-overs (`turns`)."""
     found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
     for station in audit.stations:
         for meter in station.meters:
@@ -209,7 +209,7 @@ def _is_shown(one: Difference) -> bool:
 
 
 def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
-    """Return counters that certainly rolled over, with how often."""
+    """Return counters that certainly rolled over, and how often."""
     every = [
         (station, meter, [one for one in meter.counter_total.marks if not _is_shown(one)])
         for station, meter in meters(audit)
@@ -268,7 +268,7 @@ def error_rows(audit: FleetAudit) -> Iterator[ErrorRow]:
         )
 
 
-COUNTS_MOST: Final = 10  # stations up to which their counters stand open on the page
+COUNTS_MOST: Final = 10  # up to this number of stations, their counters are unfolded on the page
 
 
 def page_of(audit: FleetAudit) -> str:
@@ -318,7 +318,7 @@ def _rendered(audit: FleetAudit) -> str:
 
 
 def _shown(value: object) -> object:
-    """Return what a template writes: text from outside without control characters, cut."""
+    """Return foreign text for a template, without control characters and cut."""
     if isinstance(value, str) and not isinstance(value, Markup):
         return clean(shortened(value, MOST_TEXT))
     return value

@@ -1,8 +1,8 @@
-"""The drawings of an audit's page, of numbers only: nothing in them comes from outside.
+"""The drawings of an audit's page; they contain numbers only, no foreign text.
 
-Colours follow Okabe and Ito, so that colour-blind readers and grey printers keep them apart; none
-carries a meaning alone: known parts are filled, possible parts are pale with an outline, and each
-drawing stands beside its figure in words.
+Colours follow Okabe and Ito, which colour-blind readers and grey printers can distinguish. No
+colour carries a meaning alone: known parts are filled, possible parts are pale with an outline, and
+each drawing stands beside its figure in words.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SPENT: Final = (WORK, "#7da7cd", "#d6e4f1", "#ffffff")
 """Worked, otherwise, slept, no tool: each a lighter grey than the one before."""
 
 BAR: Final = (150, 14)
-FULL_AT, MOST = 100.0, 150.0  # pixels of a whole interval; as far as a bar goes
+FULL_AT, MOST = 100.0, 150.0  # pixels of a whole interval; longest bar
 AXIS: Final = (250, 14)
 AHEAD_DAYS: Final = 365
 MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
@@ -82,7 +82,7 @@ class _Sketch:
         drawn = Line2D(
             x, y, color=colour, linewidth=width, solid_capstyle="projecting", transform=self.pixels
         )
-        drawn.set_zorder(1)  # as the areas
+        drawn.set_zorder(1)  # same as the areas
         self.figure.add_artist(drawn)
 
     def text(self, x: float, y: float, text: str, points: float, align: str = "left") -> None:
@@ -96,7 +96,7 @@ class _Sketch:
 
 
 def _svg(figure: Figure, label: str, look: str) -> Markup:
-    """Return a drawing as an element, with its description for those who do not see it."""
+    """Return a drawing as an element, with its description for screen readers."""
     figure.patch.set_visible(False)
     width, height = figure.get_size_inches() * 72
     head = f'<svg class="{look}" width="{width:g}" height="{height:g}" role="img" aria-label="'
@@ -108,8 +108,8 @@ def _svg(figure: Figure, label: str, look: str) -> Markup:
 
 
 def bar(percent: Interval | None, state: State, label: str) -> Markup:
-    """Return a service interval: filled as far as surely used, pale as far as it may be, a line at
-    its end.
+    """Return a service interval: filled as far as certainly used, pale as far as possibly used, a
+    line at its end.
     """
     width, height = BAR
     sketch, (fill, pale) = _Sketch(width, height), FILLS[state]
@@ -140,14 +140,14 @@ def months(now: str) -> Markup:
 
 
 def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
-    """Return the range from P10 to P90 with a mark at P50; an arrow where it reaches beyond a year,
-    no bar without a range.
+    """Return the range from P10 to P90 with a mark at P50; an arrow if it reaches beyond a year, no
+    bar without a range.
     """
     width, height = AXIS
     sketch = _Sketch(width, height)
     sketch.line([0, width], [height / 2, height / 2], LINE, 0.8)
     firsts = [_ahead(first, now) * width for first in _firsts(now)]
-    sketch.line(*_upright(firsts, [0.0] * len(firsts), [height] * len(firsts)), LINE, 0.8)
+    sketch.line(*_vertical_lines(firsts, [0.0] * len(firsts), [height] * len(firsts)), LINE, 0.8)
     sketch.line([0.7, 0.7], [0, height], INK, 1.4)
     if range_ is None or range_.p10 is None:
         return sketch.svg(label, "axis")
@@ -166,10 +166,10 @@ def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
     return sketch.svg(label, "axis")
 
 
-def _upright(
+def _vertical_lines(
     x: Sequence[float], low: Sequence[float], high: Sequence[float]
 ) -> tuple[list[float], list[float]]:
-    """Return upright lines as one line with breaks."""
+    """Return vertical lines as one line with breaks."""
     none = float("nan")
     ends = [(a, b, none) for a, b in zip(low, high, strict=True)]
     return [at for at in x for _ in range(3)], [y for end in ends for y in end]
@@ -239,7 +239,7 @@ def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Mark
     """Return the year of the fleet: port hours a day, week by week, with an axis; pale where few of
     its stations are known.
 
-    `weeks` are sums over the stations that are known that week, with their number.
+    `weeks` are sums over the stations known in that week, with their number.
     """
     width, left = (940.0, 44.0) if wide else (360.0, 34.0)
     most = scale_of(week for week, _ in weeks)
@@ -283,8 +283,8 @@ def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Mark
 
 
 def _doubtful(weeks: Sequence[Week], most: float) -> list[tuple[float, float, float]]:
-    """Return place, least and greatest hours a day of the weeks that are not known well, where that
-    is seen.
+    """Return place, least and greatest hours a day of the weeks that are not known well, if the
+    difference is visible.
     """
     known = [(at + 0.5, week.per_day) for at, week in enumerate(weeks) if week.per_day is not None]
     return [
@@ -305,8 +305,8 @@ def _month_begins(weeks: Sequence[Week], wide: bool) -> dict[int, str]:
 
 
 def scale_of(weeks: Iterable[Week]) -> float:
-    """Return a round number of hours a day above what was surely worked in any week; what may have
-    been is cut off there.
+    """Return a round number of hours a day above the certain work of any week; possible work above
+    it is cut off.
     """
     return nice(
         1.1 * max((week.per_day.low for week in weeks if week.per_day is not None), default=1.0)
