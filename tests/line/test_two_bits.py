@@ -90,7 +90,7 @@ def passing(golden: Golden) -> list[tuple[bytes, Value]]:
 
 def published() -> dict[str, int]:
     """The numbers in the record's sentence, by the names that it uses."""
-    sentence = re.search(r"of the 8128 that turn over two,([^.]*)", RECORD)
+    sentence = re.search(r"of the 8128 that flip two,([^.]*)", RECORD)
     assert sentence, "the record no longer says how many corruptions of two bits pass"
     return {
         name: int(number)
