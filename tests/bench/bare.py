@@ -1,7 +1,6 @@
-"""What a bare program with pyserial does on the same stations: no decoding, no check, no row, no
-file.
+"""A bare pyserial program on the same stations: no decoding, no checks, no rows, no file.
 
-It is the yardstick: what it costs is what asking costs, and what it reaches is what wire and
+It is the baseline: its cost is the cost of asking, and its rate is what the serial link and the
 virtual stations allow.
 """
 

@@ -1,9 +1,9 @@
-"""100 virtual stations, eight wires at a time: how long does an audit take, and what of that is the
-wire's own time?
+"""How long an audit of 100 virtual stations takes, eight links at a time, and how much of that is
+transmission time.
 
-The wires are paced at 19200 8N1, each station answers after a millisecond and has two ports. Two
-yardsticks: the time that the very bytes that passed need on eight such wires side by side, and a
-bare pyserial program that asks the same stations as often, eight at a time, and looks at no answer.
+The links are paced at 19200 8N1. Each station has two ports and answers after a millisecond. There
+are two baselines: the time that the same bytes need on eight such links in parallel, and a bare
+pyserial program that asks the same stations as often, eight at a time, and ignores the answers.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""Workers of a Dask scheduler against bare processes on the same files: ``python
+"""Workers of a Dask scheduler compared with bare processes on the same files: ``python
 tests/bench/bench_fleet.py [--rows N]``.
 
-A store of N rows of samples (100 million without the option): the file of samples of one sealed run
-is copied until there are so many, and all copies count. Each worker and each bare process has one
-thread, of Arrow, too, and a processor of its own. A bare process computes every second part of the
-same list and sends its partial result through a pipe; nothing else is between them. Both are
-measured in the same run, one after the other, three times in turn; medians count. Limits: the
-speed-up of two workers is at least 0.9 of that of two bare processes, and the answers are the same
-to the last digit.
+The store has N rows of samples (default 100 million): copies of the samples file of one sealed run,
+all of which count. Each worker and each bare process has one thread (Arrow's included) and its own
+processor. A bare process computes every second part of the same list and sends its partial result
+through a pipe. Both are measured in the same run, alternately, three times each; medians count.
+Limits: the speed-up of two workers is at least 0.9 of that of two bare processes, and the answers
+agree to the last digit.
 """
 
 from __future__ import annotations

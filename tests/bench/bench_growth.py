@@ -2,15 +2,15 @@
 --short]``.
 
 Each part varies one thing (stations, rate, length of a run, runs in a folder, rows of a store) and
-measures CPU, time, memory, bytes and lateness at each size. A point is a line in
-FOLDER/growth.jsonl, which is part of the repository, as soon as it is measured; a program that is
-run again measures what is missing, so that it can be stopped at any time. ``--again`` measures the
-parts named anew, ``--most N`` leaves out sizes beyond N. ``--page`` writes the reference page "How
-cost grows" and its pictures from all points. ``--tiny`` tries it with the smallest sizes, in a file
-of their own, ``--short`` the same in a folder that is removed.
+measures CPU, time, memory, bytes and lateness at each size. Each point becomes a line of
+FOLDER/growth.jsonl, which is part of the repository, as soon as it is measured. So the program can
+be stopped at any time; run again, it measures what is missing. ``--again`` measures the named parts
+anew, ``--most N`` leaves out sizes beyond N. ``--page`` writes the reference page "How cost grows"
+and its pictures from all points. ``--tiny`` tries everything with the smallest sizes, in a separate
+file; ``--short`` does so in a temporary folder.
 
 Run it on an idle machine. Stations and rates take 16 recordings of a minute (``--seconds``); the
-week is the longest of the rest.
+week takes longest of the rest.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """What folders of thousands of runs cost: ``python tests/bench/bench_index.py [--short]``.
 
-10 000 runs with the record of one (``--short``: 1000) and the metrics that its recorder left;
-`jbclog runs`, `where-used`, `trend` as they are typed, each in a fresh process: without an index,
-at the first time with one, when nothing has changed, and after 100 new runs (``--short``: 10).
-Start of the program included. Each is one thread, so that on an idle machine wall time is CPU.
+10 000 runs share the record of one run (``--short``: 1000) and the metrics that its recorder left.
+`jbclog runs`, `where-used` and `trend` run as typed, each in a fresh process: without an index, the
+first time with one, with nothing changed, and after 100 new runs (``--short``: 10). The start of
+the program is included. Each has one thread, so on an idle machine wall time is CPU.
 
-The claims are ratios within the same run, and the seconds that a maintainer promises of 10 000
-runs.
+The claims are ratios within the same run, and limits in seconds for 10 000 runs.
 """
 
 from __future__ import annotations

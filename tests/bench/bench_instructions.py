@@ -1,8 +1,8 @@
-"""Instructions an exchange, counted by valgrind: of a session without a driver, and of the reactor
-without a session, with answers that come whole and in two pieces.
+"""Instructions per exchange, counted by valgrind: of a session without a driver, and of the reactor
+without a session, with answers whole and in two pieces.
 
-They are compared with a small program of the same kind in the same run, so that another build of
-Python changes the ratio little. A rise by 5 % fails. Kernel and waiting are not in it.
+They are compared with a small program of the same kind in the same run, so another build of Python
+changes the ratio little. A rise of 5 % fails. Kernel and waiting are not counted.
 """
 
 from __future__ import annotations

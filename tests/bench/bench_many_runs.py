@@ -1,13 +1,13 @@
 """What many runs cost: ``python tests/bench/bench_many_runs.py [--short]``.
 
-240 runs with the record of one, of two stations with its report (``--short``: 60). CPU a run, the
-least of interleaved rounds: finding the runs as `jbclog runs` does; a trend of one metric over
-them, over as many with the metrics that a recorder leaves instead of a report, and over few with
-neither. All without an index (`bench_index.py`). Beside them the plain way: each `manifest.json`
-read and parsed by Python's `json`, without a check of any kind.
+240 runs share one record of two stations with its report (``--short``: 60). The figures are CPU per
+run, the minimum of interleaved rounds: finding the runs as `jbclog runs` does; a trend of one
+metric over them, over as many with a recorder's metrics instead of a report, and over a few with
+neither. None uses an index (`bench_index.py`). The baseline reads each `manifest.json` and parses
+it with Python's `json`, without any check.
 
-The limits are ratios to that, which differ little between machines, and what a maintainer promises
-of a trend: 3 ms a run.
+The limits are ratios to that baseline, which differ little between machines, and 3 ms a run for a
+trend.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""64 stations x 10 Hz x 4 reads in one process, and 250: does each tick come in time, and what does
-a question cost?
+"""64 and 250 stations x 10 Hz x 4 reads in one process: whether each tick is on time, and what a
+request costs.
 
-All ticks of all stations fall together, the wires are paced at 19200 8N1, the virtual stations
-share the processors, and once in the middle the record is sealed. The yardstick is a bare pyserial
-thread a station on the same schedule, which decodes, checks and keeps nothing.
+The ticks of all stations coincide, the links are paced at 19200 8N1, the virtual stations share the
+processors, and the record is sealed once in the middle. The baseline is one bare pyserial thread
+per station on the same schedule, which does not decode, check or store anything.
 """
 
 from __future__ import annotations

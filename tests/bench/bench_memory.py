@@ -1,11 +1,11 @@
-"""How much memory the recorder takes with 64 stations, and whether that grows while it goes on.
+"""How much memory the recorder takes with 64 stations, and whether that grows with time.
 
-First a real run of 64 stations, whose process is asked how much it held at the most, until it was
-sealed and at its end. Then an hour in a minute: the same sessions on a virtual clock, which jumps
-from one answer to the next, with the real live store, committed each virtual second and sealed into
-Parquet every tenth virtual minute. What the process holds is taken each minute; the slope of the
-line through them says whether it grows. The first minutes do not count: caches fill and memory
-finds its places.
+First comes a real run of 64 stations: its process reports its peak memory before sealing and at the
+end. Then comes an hour in a minute: the same sessions on a virtual clock, which jumps from one
+answer to the next, with the real live store, committed each virtual second and sealed into Parquet
+every tenth virtual minute. The memory of the process is measured each minute; the slope of a line
+through the values shows growth. The first minutes do not count, because caches fill and allocations
+settle.
 """
 
 from __future__ import annotations

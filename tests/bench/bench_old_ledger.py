@@ -1,9 +1,8 @@
-"""100 stations that were read every day for two years: what does an audit's reckoning cost with so
-long a ledger?
+"""What an audit computes from a long ledger: 100 stations, read every day for two years.
 
-The ledger is read, its chain checked in full, every difference judged, and use and tasks are
-reckoned from it. The yardstick is what no reader can do without: the same file's lines through
-json.loads, and hashed.
+It reads the ledger, checks its whole chain, classifies every difference, and computes use and
+tasks. The baseline is the minimum for any reader: the lines of the same file through json.loads,
+and hashed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""One station asked without pause on a wire that takes no time: what does a question cost when
-nothing waits?
+"""What a request costs when nothing waits: one station, asked without pause on a link that takes no
+time.
 
-Beside ``jbclog run --rate max`` with everything included (decode, checks, rows, commits each
-second) PyMeasure does the same four reads on the same virtual station and writes them with its own
-CSV writer. The bare pyserial loop, which keeps nothing, is there for information.
+``jbclog run --rate max`` runs with everything included (decoding, checks, rows, a commit each
+second). PyMeasure does the same four reads on the same virtual station and writes them with its own
+CSV writer. The bare pyserial loop, which stores nothing, is there for information.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
 """What reading costs: ``python tests/bench/bench_open_run.py [--short]``.
 
-An hour of 32 stations at 10 Hz (1.15 million rows of 30 columns), opened and read by
-`open_run(...).samples()`, hashes of its files included, beside `pandas.read_parquet` of the same
-folder in the same process; the best of five of each. Then a month of them, 720 such hours in one
-run (``--short``: a day), gone through by `open_runs(...).samples(columns=...)` in a process that
-may use no more than 2 GB of memory.
+`open_run(...).samples()` reads an hour of 32 stations at 10 Hz (1.15 million rows of 30 columns),
+including the hashes of its files. `pandas.read_parquet` reads the same folder in the same process;
+the best of five counts for each. Then `open_runs(...).samples(columns=...)` reads a month, 720 such
+hours in one run (``--short``: a day), in a process limited to 2 GB of memory.
 
-The limits: the hour in a second, counted as CPU of all threads, which is what it takes on a machine
-that has nothing else to do and more than it takes with two cores; the month without running out of
-2 GB.
+The limits: a second for the hour, as CPU of all threads (the wall time on an otherwise idle
+machine, and more than that on two cores); the month within 2 GB.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""The recorder of this tree and that of another, taking turns on the same virtual stations: how
-late is each tick, and what does a run cost?
+"""The recorder of this tree and that of another, alternating on the same virtual stations: how late
+each tick is, and what a run costs.
 
     git worktree add --detach /tmp/other a5e78687
     python tests/bench/bench_other_tree.py /tmp/other
 
-a5e78687 is the last commit on asyncio's loop. Both run in this Python, with all their processes
-from their own tree, and leave no metrics: those would be computed during the next run. CPU is of a
-whole run, its start and its sealed record included.
+a5e78687 is the last commit on asyncio's loop. Both run in this Python, with all processes from
+their own tree, and leave no metrics, because those would be computed during the next run. CPU is of
+a whole run, with its start and its sealed record.
 
-Whether 10 Hz fit a wire is decided by the response time at the start, when all stations are asked
-at once, and one station that is refused keeps all others from starting. This tree measures again
-before it refuses, an older one may not. So a run that recorded nothing is shown with the end of its
-output and made again, `TRIES` times in all.
+Whether 10 Hz fit a link depends on the response time at the start, when all stations are asked at
+once, and one refused station keeps all others from starting. This tree measures again before it
+refuses; an older one may not. So a run that recorded nothing is shown with the end of its output
+and repeated, `TRIES` times in all.
 """
 
 from __future__ import annotations

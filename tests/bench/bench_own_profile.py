@@ -1,8 +1,8 @@
-"""What jbclog is made for: two ports, three fast signals, all slow ones and the counters at 10 Hz,
-1 ms of turnaround.
+"""The main use case of jbclog: two ports, three fast signals, all slow ones and the counters at 10
+Hz, with a response time of 1 ms.
 
-The six fast reads of a tick take 90 of its 100 ms on this wire; everything else goes into what is
-left. For ten minutes no tick may be skipped, and no slow signal may ever be older than its ceiling.
+The six fast reads of a tick take 90 of its 100 ms on this link; everything else shares the rest.
+For ten minutes no tick may be skipped, and no slow signal may exceed its maximum age.
 """
 
 from __future__ import annotations

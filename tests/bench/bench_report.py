@@ -1,11 +1,11 @@
-"""`report` of one port: of eight hours at 10 Hz at most 8 s, of 20 s at most 2 s of CPU, of a day
-and a week the CPU and memory of `LENGTHS`, imports included.
+"""CPU of `report` with imports. One port: at most 8 s for eight hours at 10 Hz, 2 s for 20 s, and
+the CPU and memory of `LENGTHS` for a day and a week.
 
-Of 32 ports: at most `MOST_FIGURES` times the CPU of one plain figure in matplotlib (its own figures
-are 66).
+32 ports: at most `MOST_FIGURES` times the CPU of one plain matplotlib figure (the report itself has
+66 figures).
 
-``python tests/bench/bench_report.py`` prints the figures (``--week`` that of a week, too);
-``pytest -m bench tests/bench/bench_report.py`` holds the limits.
+``python tests/bench/bench_report.py`` prints the figures (``--week`` includes a week); ``pytest -m
+bench tests/bench/bench_report.py`` checks the limits.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""What keeping and sealing cost: ``python tests/bench/bench_seal.py [--stations 32] [--minutes
+"""What storing and sealing cost: ``python tests/bench/bench_seal.py [--stations 32] [--minutes
 60]``.
 
 An hour of 32 stations at 10 Hz, a quarter of them with a second port: random walks around the
-setting, solder joints, sensor noise, real-looking lateness, slow signals on their periods. It goes
-through the store's own code a second at a time, each second committed and synced, and is then
-sealed in the child process as `run` does it. Beside it, in the same run, what pandas makes of the
-same table with its defaults.
+setpoint, solder joints, sensor noise, realistic lateness, slow signals at their periods. It goes
+through the real store a second at a time, each second committed and synced, and is then sealed in
+the child process as in `run`. pandas writes the same table with its defaults in the same run, for
+comparison.
 
-The limits: 1.5 ms of CPU per 1 000 rows kept, 8 bytes a row sealed, 5 s to seal the hour.
+The limits: 1.5 ms of CPU per 1 000 rows stored, 8 bytes per sealed row, 5 s to seal the hour.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""How long a start takes: ``jbclog --help`` and ``jbclog plan`` as CPU of a fresh process, in
-multiples of a Python that does nothing, which is what no program in Python can be faster than; and
-the first sample of ``jbclog run`` after its start, on a wire paced by its baud rate.
+"""How long a start takes: CPU of ``jbclog --help`` and ``jbclog plan`` in a fresh process, as
+multiples of an empty Python program (the minimum for any program in Python); and the time to the
+first sample of ``jbclog run``, on a link paced by its baud rate.
 
-The processes take turns, so that what else the machine does meets all of them.
+The processes alternate, so that other load on the machine affects all of them.
 """
 
 from __future__ import annotations

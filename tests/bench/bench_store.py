@@ -1,9 +1,9 @@
-"""What is read of a store: ``python tests/bench/bench_store.py [--short]``.
+"""How much of a store is read: ``python tests/bench/bench_store.py [--short]``.
 
-Sealed runs of one station, an hour apart (``--short``: a few), published into a folder. Bytes are
-those that the process asks the system for while it reads (`rchar` of /proc), so that columns and
-partitions that are not read do not count. Limits are shares of the bytes of the table of samples,
-which do not differ between machines.
+Sealed runs of one station, an hour apart (``--short``: a few), are published into a folder. Bytes
+are those that the process reads from the system (`rchar` of /proc), so unread columns and
+partitions do not count. Limits are shares of the size of the samples table, which do not differ
+between machines.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""What following costs: one follower's CPU for 64 ports at 10 Hz, and the recorder's lateness with
-and without ten followers.
+"""What following a run costs: one follower's CPU for 64 ports at 10 Hz, and the recorder's lateness
+with and without ten followers.
 
-The run is one; the followers come and go in it, so that both halves have the same machine.
-Stretches without and with ten of them alternate; the seconds in which they start are left out.
+There is one run; followers come and go in it, so that both cases have the same machine. Stretches
+without and with ten of them alternate; the seconds in which they start do not count.
 
-Joints are counted by a process beside a follower, some minutes apart (`joint_counter.Schedule`),
-which bounds its share of a core by estimates of what identifying the models and counting take. What
-they do take is measured beside the run.
+A process beside each follower counts joints, some minutes apart (`joint_counter.Schedule`). It
+bounds its share of a core by estimates of the time to identify the models and to count. The real
+times are measured beside the run.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def _claims(
             for what, (took_s, estimated_s) in counting.items()
         ),
         at_most(
-            f"a follower of {2 * STATIONS} ports, the dearest of all, of a core",
+            f"a follower of {2 * STATIONS} ports, the most expensive of all, of a core",
             100 * share,
             3.0,
             " %",

@@ -1,8 +1,8 @@
-"""What `--capture` costs: CPU for each exchange, ticks that come late, room on the disk.
+"""What `--capture` costs: CPU per exchange, late ticks, disk space.
 
-The same stations are recorded without and with it, four reads a tick at 10 Hz, wires paced at 19200
-8N1. An exchange is three rows of the wire's file: the question, the answer, and what the session
-was told.
+The same stations are recorded without and with it: four reads a tick at 10 Hz, on links paced at
+19200 8N1. An exchange is three rows of the capture: the request, the answer, and what the session
+received.
 """
 
 from __future__ import annotations

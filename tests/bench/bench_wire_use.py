@@ -1,8 +1,8 @@
-"""One addressed port without turnaround, asked without pause: how much of the wire is in use?
+"""How busy the link is: one addressed port with no response time, asked without pause.
 
-A wire at 19200 8N1 carries 71.1 addressed reads a second. The virtual station notes when each
-question came and when its answer was through; these notes say for how much of the time there were
-bytes on the wire, for the bare pyserial loop and for ``jbclog run --rate max`` alike.
+A link at 19200 8N1 carries 71.1 addressed reads a second. The virtual station logs when each
+request came and when its answer ended. From this log comes the share of time with bytes on the
+link, for the bare pyserial loop and for ``jbclog run --rate max`` alike.
 """
 
 from __future__ import annotations

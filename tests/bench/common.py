@@ -1,10 +1,10 @@
-"""What the benchmarks share: virtual stations to measure against, processes of one's own, claims
-that pass or fail.
+"""Shared by the benchmarks: virtual stations, contenders in their own processes, claims that pass
+or fail.
 
 Each benchmark is a script, ``python tests/bench/bench_NAME.py [--short]``. It serves virtual
-stations in a process of their own, has each contender talk to the same ones in a fresh process
-(`in_own_process`), prints a table and then one line ``PASS`` or ``FAIL`` a claim, and ends with 1
-where one failed. ``--short`` is for CI and for a look: the same claims on a shorter run.
+stations in a process of their own and runs each contender on the same stations in a fresh process
+(`in_own_process`). It prints a table and then a line ``PASS`` or ``FAIL`` per claim, and ends with
+1 if one failed. ``--short`` is for CI and for a quick look: the same claims on a shorter run.
 """
 
 from __future__ import annotations

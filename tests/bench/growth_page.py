@@ -1,5 +1,5 @@
-"""The page that `bench_growth.py` writes: a table and a picture for each part, and where a line is
-not straight.
+"""The page of `bench_growth.py`: a table and a picture for each part, and where a curve is not
+straight.
 """
 
 from __future__ import annotations

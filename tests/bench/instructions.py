@@ -1,5 +1,5 @@
-"""What `bench_instructions.py` counts: ``python instructions.py PART EXCHANGES [PIECES]`` makes so
-many exchanges, whose answers come in so many pieces, and ends at once.
+"""The program that `bench_instructions.py` counts: ``python instructions.py PART EXCHANGES
+[PIECES]`` makes that many exchanges, with answers in that many pieces, and ends.
 """
 
 from __future__ import annotations

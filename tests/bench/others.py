@@ -1,10 +1,8 @@
-"""Other people's programs on the same virtual station, written as their manuals would have one
-write them.
+"""Other programs on the same virtual station, written as their manuals recommend.
 
-PyMeasure: an instrument with four `measurement` properties whose `write` and `read` put the
-protocol's frame around the command and take it off again, over a `SerialAdapter`; a procedure that
-reads them again and again; a worker that runs it, and PyMeasure's own recorder thread, which writes
-each record to a CSV file.
+PyMeasure: an instrument with four `measurement` properties, whose `write` and `read` add and remove
+the protocol's frame, over a `SerialAdapter`; a procedure that reads them repeatedly; a worker that
+runs it, and PyMeasure's own recorder thread, which writes each record to a CSV file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""jbclog itself as a contender: a whole run, with what it cost and how well it kept its grid."""
+"""jbclog as a contender: a whole run, with its cost and how well it kept its grid."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""`bench_growth.py`: points are kept as they come and not measured twice, and the page says which
-lines are not straight.
+"""`bench_growth.py` stores points as they come and does not measure them twice, and its page lists
+the curves that are not straight.
 """
 
 from __future__ import annotations

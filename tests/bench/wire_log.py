@@ -1,4 +1,4 @@
-"""What virtual stations noted of their wires, looked at as the pacer's witness."""
+"""The log that virtual stations keep of their links, as evidence of the pacing."""
 
 from __future__ import annotations
 
