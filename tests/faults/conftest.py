@@ -1,4 +1,4 @@
-"""What several files here need, made once for each: libraries that make a disk or memory fail
+"""Shared by several files here, made once each: libraries that make a disk or memory fail
 (`failing_disk.c`, `failing_alloc.c`), a served line, a process that forks for each call.
 """
 

@@ -1,4 +1,4 @@
-"""Many at once: forty processes that want the same run's name, readers while a run is written.
+"""Concurrency: forty processes that want the same run name, readers while a run is written.
 
 docs/reference/faults.md, F-32 and F-43.
 """

@@ -1,5 +1,5 @@
-"""`jbclog watch --web` and clients that mean no good: a thousand connections of each kind hold
-neither memory nor the answers to others.
+"""`jbclog watch --web` and hostile clients: a thousand connections of each kind neither fill memory
+nor delay answers to others.
 """
 
 from __future__ import annotations

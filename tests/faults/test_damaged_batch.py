@@ -1,5 +1,5 @@
-"""The store of a batch with bytes altered, anywhere in its pages or its log: the entries of its
-journal are those that were written, or the first of them; or it is refused, and nothing starts.
+"""The store of a batch with altered bytes, anywhere in its pages or its log: either the entries of
+its journal are those that were written, or the first of them; or it is refused, and nothing starts.
 """
 
 from __future__ import annotations

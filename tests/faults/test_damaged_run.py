@@ -1,8 +1,8 @@
 """Any file of a run altered: `check` names it, nothing shows a wrong value, and the next run in the
-same place begins.
+same place starts.
 
 docs/reference/faults.md, F-29, F-30 and F-44. Sealed runs and runs that a crash left open, file by
-file; what is printed is the table's line.
+file; the printed line is the one in the table.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""A live store with bytes altered, anywhere: never a crash, never a wrong row, never a loss without
-a word.
+"""A live store with altered bytes, anywhere: never a crash, never a wrong row, never a loss without
+a message.
 
 docs/reference/faults.md, F-29: torn tail, bit rot in the middle, a block of zeros.
 """

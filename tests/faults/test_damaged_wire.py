@@ -1,7 +1,7 @@
-"""A wire's file with anything in it altered: damage costs the blocks it touches, is named, and no
-byte of it is taken for right.
+"""A serial capture with anything in it altered: damage costs only the blocks it touches, is
+reported, and no damaged byte counts as valid.
 
-docs/reference/faults.md, F-29, for the wires: torn tail, bit rot in the middle, zeros, foreign and
+docs/reference/faults.md, F-29, for captures: torn tail, bit rot in the middle, zeros, foreign and
 newer files.
 """
 

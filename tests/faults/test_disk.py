@@ -1,8 +1,8 @@
-"""A disk that does not take any more: acknowledged rows stay, the recorder is told, the run can
-still be sealed.
+"""A disk that accepts no more data: acknowledged rows stay, the recorder gets the error, the run
+can still be sealed.
 
-docs/reference/faults.md, F-23 to F-25. The limit is the system's own (RLIMIT_FSIZE), in a process
-of its own.
+docs/reference/faults.md, F-23 to F-25. The limit is the system's own (RLIMIT_FSIZE), in a separate
+process.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Real disks under real runs: full, read-only, taken away. The tools go to their safe state, and
-what is kept is whole.
+the stored record is whole.
 
-docs/reference/faults.md, F-23 and F-24. The stations live on, and it is their word that counts for
-what was sent to them.
+docs/reference/faults.md, F-23 and F-24. The stations survive, and their own logs decide what was
+sent to them.
 """
 
 from __future__ import annotations

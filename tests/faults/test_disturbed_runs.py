@@ -1,8 +1,9 @@
 """Whole runs on a line that disturbs answers in every way that the injector knows: nothing wrong is
 recorded.
 
-The answers come in their own time (`Injector.forged` stays empty), or as copies so soon that the
-same is not asked again yet; what more an unlucky copy can do is in `test_wrong_answers.py`.
+The answers come at their own time (`Injector.forged` stays empty), or as copies so early that the
+same question has not been asked again. `test_wrong_answers.py` has what an unlucky copy can do
+beyond that.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Every witness agrees: what an event says of the host or of a link is borne out by all stations of
-the run.
+"""Events about the host or a link agree with the data of all stations of the run.
 
-Some stations answer slowly, fall silent and come back, at random; at random the host stands still.
-The last one always answers at once, so it has a value of every tick at which the host went on. What
-was done to whom is known; the record has to say that.
+Some stations answer slowly, fall silent and come back, at random; at random the host stops. The
+last station always answers at once, so it has a value for every tick at which the host ran. The
+test knows what was done to which station; the record must say the same.
 """
 
 from __future__ import annotations

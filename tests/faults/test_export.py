@@ -1,5 +1,5 @@
-"""Exports onto a disk that is full, and by a process that is killed: nothing half is left in the
-place of an export.
+"""Exports onto a full disk, and by a process that is killed: no partial export appears under its
+name.
 """
 
 from __future__ import annotations

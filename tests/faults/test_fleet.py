@@ -1,5 +1,6 @@
-"""Runs of a store on a real Dask scheduler with real workers: the same answers, also when a worker
-is killed; a clear error when more than that is wrong."""
+"""Runs of a store on a real Dask scheduler with real workers: the same answers, even if a worker is
+killed; a clear error for worse failures.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Links of a real run are flooded: the others are no later for it, the run ends in time, the guard
-stays quiet, memory is bounded.
+"""Floods on links of a real run: other stations are no later, the run ends in time, the guard does
+not act, memory is bounded.
 
 ``pytest -n0 -s -m campaign tests/faults/test_flood_campaign.py`` crosses bytes a second, shapes,
-rates, numbers of flooders and transports; the slice by default is one run. Lateness is that of the
-rows of the stations that are not flooded, held against the same run without a flood on the same
+rates, numbers of flooded links and transports; the default slice is one run. Lateness is that of
+the rows of the stations without a flood, compared with the same run without floods on the same
 machine.
 """
 

@@ -1,5 +1,5 @@
-"""`publish --follow` outlives its store: a server that stops, a share that goes, a full disk.
-Nothing is lost, little said.
+"""`publish --follow` survives its store: a server that stops, a share that disappears, a full disk.
+It loses nothing and prints little.
 """
 
 from __future__ import annotations

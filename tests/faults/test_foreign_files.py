@@ -1,5 +1,5 @@
-"""Files that are not what their names say, in a run's folder: every verb answers, and one folder
-never blocks the others.
+"""Files in a run's folder that are not what their names say: every command ends with a result, and
+one folder never blocks the others.
 """
 
 from __future__ import annotations

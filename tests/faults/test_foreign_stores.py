@@ -1,5 +1,5 @@
-"""Foreign stores of a plant, indexes of runs and stores of batches: what takes much in little is
-refused in one line, before a library reads it.
+"""Plant stores, run indexes and batch stores from others: one that expands too much is refused in
+one line, before a library reads it.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What is read of others, fuzzed: files and streams of tests/data/fuzz, altered at random, and what
-holds of each reader.
+"""Fuzzed input from others: files and streams of tests/data/fuzz, altered at random, with the rules
+of each reader.
 
-For all: no error but the one that is named, within the time that is named, and nothing is believed
-that does not stand there. The slice tries the same cases each time; `-m campaign` tries others each
-time, `JBCLOG_FUZZ` (20 000) of each. A case that broke something goes into tests/data/fuzz/TARGET,
-which is tried first and unaltered.
+For all readers: no error other than the documented one, within the documented time, and no value
+accepted that the input does not contain. The slice tries the same cases each time; `-m campaign`
+tries new ones each time, `JBCLOG_FUZZ` (20 000) of each. A case that broke something goes into
+tests/data/fuzz/TARGET, which is tried first and unaltered.
 """
 
 from __future__ import annotations

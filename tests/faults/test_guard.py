@@ -1,9 +1,7 @@
-"""Recorders that are killed or frozen, for real: the guard puts every tool that they touched in its
-safe state.
+"""Recorders really killed or frozen: the guard puts every tool that they touched in its safe state.
 
-Everything is asserted from what the virtual stations took and from their physics, never from our
-record; that the record then tells the same is asserted beside it. Seeds are printed with each
-failure.
+Assertions use what the virtual stations received and their physics, never our record; further
+assertions check that the record agrees. Each failure prints its seed.
 """
 
 from __future__ import annotations

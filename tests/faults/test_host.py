@@ -1,8 +1,8 @@
 """What a host does to a recorder: clocks, sleep, signals, terminals, locales, a second recorder.
 Real processes and terminals.
 
-What the stations took is asserted from their own logs. The long form (marker ``campaign``) prints
-how often each was tried.
+Assertions use the stations' own logs of what they received. The long form (marker ``campaign``)
+prints how often each case was tried.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Names and texts from files, people, stations and other people's runs (docs/reference/faults.md,
 F-34): shown as text, or refused.
 
-Nothing is written outside of the run's folder, nothing on a page can act, nothing that is printed
-steers a terminal.
+Nothing is written outside the run's folder, nothing on a page can run, nothing printed controls a
+terminal.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Kills, for real, at every step that reaches the disk and at random moments: nothing acknowledged
-is ever lost.
+"""Real kills, at every step that reaches the disk and at random moments: nothing acknowledged is
+ever lost.
 
-`crash.py` in tests/support does the killing; here stands what must hold afterwards
+`crash.py` in tests/support kills; the tests here check what must hold afterwards
 (docs/reference/faults.md, F-26, F-27, F-30).
 """
 

@@ -1,11 +1,11 @@
-"""`jbclog run` and `jbclog recover`, killed for real at random moments and at each step, while the
+"""`jbclog run` and `jbclog recover`, really killed at random moments and at each step, while the
 stations live on.
 
-After each kill: no row that was committed is gone, at most the admitted second of what the stations
-told, sealed equals kept row for row, every event that was shown is recorded, recovery twice is
-recovery once, every tool was told to stand within 5 s, and I1 to I9 hold (`invariants`). All runs
-of a series record into one folder, where none may stand in the way of the next. Seeds are printed.
-`test_kill.py` does the same to the store alone, thousands of times.
+After each kill: no committed row is missing, at most the stated second of data is lost, sealed rows
+equal stored rows, every event that was shown is recorded, a second recovery changes nothing, every
+tool was ordered to stand within 5 s, and I1 to I9 hold (`invariants`). All runs of a series record
+into one folder, and none may block the next. Seeds are printed. `test_kill.py` does the same to the
+store alone, thousands of times.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Two publishers of one run, each killed (SIGKILL) at one of its commits: in the end there is one
 copy, and it is whole.
 
-What a killed publisher left counts for nobody. `store check` removes it; then each table has the
-rows of the run and no other.
+What a killed publisher left behind does not count. `store check` removes it; then each table has
+the rows of the run and no others.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Serial captures that unpack to far more than a recorder's: refused in one line within their
-limits, counted and cut by nobody.
+limits, neither counted nor cut.
 """
 
 from __future__ import annotations

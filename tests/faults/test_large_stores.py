@@ -1,5 +1,5 @@
-"""Live stores that are larger than a recorder's: read in bounded memory or refused, never sealed as
-what jbclog does not read.
+"""Live stores larger than a recorder's: read in bounded memory or refused, never sealed into
+something that jbclog does not read.
 """
 
 from __future__ import annotations

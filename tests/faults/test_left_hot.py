@@ -1,8 +1,7 @@
-"""Recorder and guard both gone, or a disk that is full: what was left hot is told, found again, and
-told when it is safe at last.
+"""Recorder and guard both gone, or a full disk: tools left hot are reported, found again, and
+reported once more when they are safe at last.
 
-Everything is asserted from what the virtual stations took, and from the records of all runs
-concerned.
+Assertions use what the virtual stations received, and the records of all runs involved.
 """
 
 from __future__ import annotations

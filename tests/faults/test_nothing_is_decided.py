@@ -1,10 +1,9 @@
-"""One answer that two flipped bits have made another decides nothing: no setting, no counter, no
-alarm, no write, no end.
+"""An answer that two flipped bits turned into another one decides nothing: no setting, no counter,
+no alarm, no write, no end.
 
-Each question that a run asks, on a station of each kind of family, is answered wrongly once, with
-bytes that really pass for an answer to it; the run must then leave the same settings, counters and
-writes behind as one on a clean line, and tell nothing but that it doubted. The campaign takes every
-corruption there is::
+Each question of a run, on a station of each kind of family, gets one wrong answer whose bytes
+really pass. The run must then leave the same settings, counters and writes as one on a clean link,
+and report nothing but its doubts. The campaign tries every such corruption::
 
     pytest -m campaign tests/faults/test_nothing_is_decided.py
 """

@@ -1,9 +1,9 @@
 """Starts and short runs on stations that somebody else wrote from the manuals (`outside_bench`), on
-bad wires and with bad ones.
+bad links and beside faulty stations.
 
-Beside `line/test_starts.py`: here an answer that is late keeps the station busy, so that all that
-is asked meanwhile is answered later, too; stations keep a setting for up to 0.3 s; and each has
-habits of its own where the manuals are silent.
+Differences from `line/test_starts.py`: a late answer keeps the station busy, so later questions are
+also answered late; stations store a setting for up to 0.3 s; and each has habits of its own where
+the manuals are silent.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What a publisher takes of memory does not grow with the rows of a run: a process of its own
-commits many, and is asked.
+"""A publisher's memory does not grow with the rows of a run: a separate process commits many and
+reports its use.
 """
 
 from __future__ import annotations

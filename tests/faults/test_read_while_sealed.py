@@ -1,5 +1,5 @@
-"""A run that is read in just the moment in which it is sealed: each row once, no error, and nothing
-of the reader is left.
+"""A run read at the moment it is sealed: each row once, no error, and the reader leaves nothing
+behind.
 """
 
 from __future__ import annotations

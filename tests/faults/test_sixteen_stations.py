@@ -1,9 +1,9 @@
-"""I6: one station of sixteen hangs, and the others' lateness (99 %) moves by less than 1 ms against
-the same run, same seed.
+"""I6: one of sixteen stations hangs, and the others' lateness (99th percentile) changes by less
+than 1 ms compared with the same run and seed.
 
-``pytest -n0 -s -m campaign tests/faults/test_sixteen_stations.py`` does it with `jbclog run` on
-real pseudo-terminals, each way of hanging and the sound line; a default run on the virtual clock,
-where only shows what the program itself makes them wait for.
+``pytest -n0 -s -m campaign tests/faults/test_sixteen_stations.py`` runs `jbclog run` on real
+pseudo-terminals, with each way of hanging and without any. The default run uses the virtual clock,
+which shows only the delays that the program itself causes.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""A soak that anyone can run: ``pytest -m soak -n0 -s tests/faults/test_soak.py``, an hour, or
-``JBCLOG_SOAK_S`` seconds.
+"""A soak test that anyone can run: ``pytest -m soak -n0 -s tests/faults/test_soak.py``, for an
+hour, or ``JBCLOG_SOAK_S`` seconds.
 
-Sixteen stations of all families with every fault that virtual stations know, cables that come back
-as new terminals, links that are flooded, a wall clock that is stepped, a guard that is killed and
-stopped, another program that reads the open run. In the end every tick and reading is accounted
-for, every value is what its station said, every event about a station, the clock or the guard is of
-something that was done, memory and descriptors are flat, and nothing is hot (`soak`). A default run
-has some seconds of it on six stations.
+Sixteen stations of all families with every fault of the virtual stations: cables that come back as
+new terminals, flooded links, a stepped wall clock, a guard that is killed and stopped, another
+program that reads the open run. At the end every tick and reading is accounted for, every value is
+what its station sent, every event about a station, the clock or the guard has a real cause, memory
+and descriptors do not grow, and nothing is hot (`soak`). A default run does some seconds of it on
+six stations.
 """
 
 from __future__ import annotations

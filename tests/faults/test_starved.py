@@ -1,12 +1,12 @@
-"""Memory that is refused to a recorder or a guard while tools are hot: whatever request it is,
-every tool is put in its safe state.
+"""Memory refused to a recorder or a guard while tools are hot: whichever request fails, every tool
+is put in its safe state.
 
-By the recorder, which ends its run in good order; by the guard, where the recorder died of it; by
-the recorder at its own end, where the guard died of it and was replaced. Requests are refused below
-Python, once, a hundred times, or from then on (`failing_alloc.c`), those of SQLite and Arrow among
-them, at a number that is drawn so that each size of it is as likely. Afterwards the folder
-recovers, its record is accounted for, and no lease is open. Left out is a guard that takes over and
-gets no memory from then on: nobody is left then.
+The recorder does it if it can end its run in order; the guard does it if the recorder dies; if the
+guard dies, it is replaced and the recorder does it at its own end. Requests fail below Python,
+once, a hundred times, or permanently (`failing_alloc.c`), including those of SQLite and Arrow, at a
+random number whose orders of magnitude are equally likely. Afterwards the folder recovers, its
+record is accounted for, and no lease is open. Left out: a guard that takes over and then gets no
+memory at all, because nobody is left then.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
-"""Campaign 4, the stations: what stations, and the people around them, do to a run. A row a phrase,
-with its F-number.
+"""Campaign 4, the stations: what stations, and the people around them, do to a run. One row per
+case, with its F-number from docs/reference/faults.md.
 
-The numbers are those of docs/reference/faults.md.
-
-
-``pytest -n0 -m campaign tests/faults/test_station_campaign.py`` mixes all of it at random on lines
-of stations (STATIONS_RUNS runs from number STATIONS_FIRST on). Held against the stations' own
-memory: the invariants of `invariants.py`, the recipe's list of writes, and that nothing is written
-to a station that comes back, until its tools are made safe.
+``pytest -n0 -m campaign tests/faults/test_station_campaign.py`` mixes all cases at random on lines
+of stations (STATIONS_RUNS runs from number STATIONS_FIRST on). The stations' own memory decides:
+the invariants of `invariants.py`, the recipe's list of writes, and no write to a station that comes
+back until its tools are made safe.
 """
 
 from __future__ import annotations

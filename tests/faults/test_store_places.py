@@ -1,9 +1,9 @@
-"""Where a store may be: a place where one publisher could overwrite another's commit is refused,
+"""Where a store may be: storage on which one publisher could overwrite another's commit is refused,
 and nothing is written to it.
 
-S3 is a real server process. A share is a file system of a program, which the kernel mounts (FUSE),
-and whose hard links fail or are copies. One whose links overwrite is a folder with a library that
-is preloaded, because the kernel looks first whether a name is taken.
+S3 is a real server process. A share is a file system in a user program, mounted by the kernel
+(FUSE), whose hard links fail or are copies. The one whose links overwrite is a folder with a
+preloaded library, because the kernel checks first whether a name exists.
 """
 
 from __future__ import annotations

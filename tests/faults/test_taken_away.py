@@ -1,8 +1,8 @@
-"""What the system gives a recorder is taken from it in mid-run: descriptors, the size of files,
-memory. Its record has gaps then.
+"""Resources taken from a recorder in mid-run: descriptors, file size, memory. Its record then has
+gaps.
 
-The limits are those of the real process (`prlimit`); the tools are looked at in the virtual
-stations themselves.
+The limits are those of the real process (`prlimit`); the virtual stations show the state of the
+tools.
 """
 
 from __future__ import annotations

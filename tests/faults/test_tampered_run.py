@@ -1,8 +1,8 @@
-"""A sealed run that somebody changes: `check` finds it and names the file. A whole forgery is found
-from outside.
+"""A sealed run that somebody changes: `check` finds it and names the file. A complete forgery is
+found from outside.
 
-Each change is made to a whole run with annotations, then undone. The campaign turns over every byte
-of every file and takes some minutes; the default run turns over some of them in each file.
+Each change is made to a whole run with annotations, then undone. The campaign flips every byte of
+every file and takes some minutes; the default run flips a few bytes of each file.
 """
 
 from __future__ import annotations

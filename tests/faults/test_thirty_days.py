@@ -1,9 +1,9 @@
 """A run of thirty days (docs/reference/faults.md, F-45): no more memory and no more open files at
-its end than after its first day.
+the end than after the first day.
 
-``pytest -n0 -s -m campaign tests/faults/test_thirty_days.py`` lives through thirty days on the
-virtual clock in a few minutes, on a real disk, sealed each day, with a cable that goes out now and
-then; a default run through a quarter of a day.
+``pytest -n0 -s -m campaign tests/faults/test_thirty_days.py`` runs thirty days on the virtual clock
+in a few minutes, on a real disk, sealed each day, with a cable that is unplugged now and then; a
+default run does a quarter of a day.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""A disk that fills while a run on it is followed: by somebody who looks, by somebody without write
-permission, and by somebody who was stopped in the middle of a read.
+"""A disk that fills while a run on it is followed: by a viewer, by one without write permission,
+and by one that was stopped in the middle of a read.
 
 docs/reference/faults.md, F-23. The recorder must not notice them, and they show what has happened.
 """

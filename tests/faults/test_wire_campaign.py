@@ -1,14 +1,14 @@
-"""Campaign 3, the wire: random tapes of all link faults, on every family, over thousands of hours
+"""Campaign 3, the link: random tapes of all link faults, on every family, over thousands of hours
 of a virtual clock.
 
 ``pytest -n0 -s -m campaign tests/faults/test_wire_campaign.py`` plays `HOURS` virtual hours from
-tape `FIRST` on (both from the
-environment: WIRE_HOURS, WIRE_FIRST) and prints the numbers;
-``python tests/support campaigns.wire_tapes NUMBER`` plays one tape again.
-A default run plays the first few. Of each tape must hold: scheduled = ok + each reason, to the row;
-no value that differs from the plant but those that the wire forged so that no receiver can tell,
-which it counts itself: recorded = injected; every write is on the recipe's list; every flag that
-the station told is told or not known; what was heated rests or is told of.
+tape `FIRST` on (environment: WIRE_HOURS, WIRE_FIRST) and prints the numbers; ``python tests/support
+campaigns.wire_tapes NUMBER`` plays one tape again. A default run plays the first few.
+
+For each tape: due = ok + each reason, to the row. No value differs from the plant, except those
+that the link forged so that no receiver can tell; the link counts these itself: recorded =
+injected. Every write is on the recipe's list. Every flag that the station sent is reported or not
+known. Every heated tool is at rest or reported.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Trouble with the record of the wires is told, and changes nothing of the run."""
+"""Trouble with the serial capture is reported and changes nothing in the run."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""Late, doubled, merged, torn, foreign and echoed answers, swept over time and kind: no value under
-a wrong question.
+"""Late, doubled, merged, torn, foreign and echoed answers, swept over time and kind: no value for a
+wrong question.
 
-The station here answers each question with its running number, so a value tells which question it
-belongs to. A value is right only if it is the number of the question that it is taken for: same
-signal, same port, and asked just now. Where whole answers of this station came at moments that are
-not theirs (`Injector.forged`), one such may be believed right then, and an answer to the same
-question asked earlier may be taken for the later one; nothing on the wire could tell.
+The station here answers each question with its running number, so a value shows which question it
+belongs to. A value is right only if it is the number of its question: same signal, same port, and
+asked just now. Where whole answers of this station came at the wrong moment (`Injector.forged`),
+one of them may be accepted right then, and an answer to an earlier identical question may be taken
+for the later one; nothing on the link could tell.
 """
 
 from __future__ import annotations
