@@ -30,7 +30,7 @@ def frames(port: int = 1) -> list[bytes]:
 
 @dataclass(slots=True)
 class Asked:
-    """What one loop found: how long its exchanges took, and how late each of its ticks began."""
+    """The results of one loop: duration of its exchanges, and lateness of each tick."""
 
     took_s: list[float] = field(default_factory=list)
     late_s: list[float] = field(default_factory=list)
@@ -54,7 +54,7 @@ def opened(url: str) -> serial.Serial:
 
 
 def ask(port: serial.Serial, question: bytes) -> float:
-    """One exchange; the seconds that it took."""
+    """Make one exchange; return its seconds."""
     sent = time.monotonic()
     port.write(question)
     answer = port.read(ANSWER_BYTES)
@@ -65,7 +65,7 @@ def ask(port: serial.Serial, question: bytes) -> float:
 
 
 def loop(url: str, seconds: float) -> Measured:
-    """Ask one station the four questions over and over, without pause."""
+    """Ask one station the four questions repeatedly, without pause."""
     questions, asked = frames(), Asked()
     with opened(url) as port:
         ask(port, questions[0])
@@ -76,7 +76,7 @@ def loop(url: str, seconds: float) -> Measured:
 
 
 def threads(urls: list[str], seconds: float) -> Measured:
-    """A thread a station, each asking the four questions at each tick of one common grid."""
+    """One thread per station; each asks the four questions at each tick of a common grid."""
     ports = [opened(url) for url in urls]
     t0 = time.monotonic() + START_S
     asked = [Asked() for _ in ports]

@@ -68,7 +68,7 @@ def main() -> int:
 
 
 def audited(stations: Bench) -> tuple[float, int, dict[str, object]]:
-    """How long it took from the call to its end, the exit code, and what it told."""
+    """Return the seconds from call to end, the exit code and the output."""
     words = [
         "audit",
         "--line",
@@ -84,7 +84,7 @@ def audited(stations: Bench) -> tuple[float, int, dict[str, object]]:
 
 
 def bare_audit(ports: list[str], exchanges: int) -> float:
-    """Seconds for so many exchanges with each station."""
+    """Return the seconds for that many exchanges with each station."""
     begun = time.monotonic()
     with ThreadPoolExecutor(AT_ONCE) as threads:
         list(threads.map(partial(_ask, exchanges=exchanges), ports))
@@ -99,7 +99,7 @@ def _ask(url: str, exchanges: int) -> None:
 
 
 def sizes_of(wire_log: Path) -> list[int]:
-    """Characters of each question with its answer, as the stations noted them."""
+    """Return the characters of each question with its answer, from the stations' logs."""
     sizes: list[int] = []
     for line in wire_log.read_text().splitlines():
         one = json.loads(line)

@@ -42,7 +42,7 @@ BY = ("station", "port")
 
 
 def tasks_of(place: Place, rows: int) -> list[Task]:
-    """What reads the run's file, copied until there are so many rows, in parts as of any store."""
+    """Read the run's file, copied up to that many rows, in parts like any store."""
     store = Store(place)
     (run,) = store.runs()
     (path,) = [fragment.path for fragment in store.dataset("samples").get_fragments()]
@@ -66,7 +66,7 @@ def merged(parts: Sequence[Part]) -> Part:
 
 
 def pinned(processor: int) -> None:
-    """Keep this process on one processor, with one thread of Arrow."""
+    """Keep this process on one processor, with one Arrow thread."""
     os.sched_setaffinity(0, {processor})
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)

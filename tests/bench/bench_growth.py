@@ -150,14 +150,14 @@ def of_lengths(seconds_long: int, _: float) -> Figures:
 
 
 def sealed(out: Path, rows: int) -> str:
-    """Seal a run of so many rows, an hour repeated; return its folder."""
+    """Seal a run of that many rows, an hour repeated; return its folder."""
     hour = table(samples(min(rows, HOUR_ROWS)))
     pieces = [shifted(hour, number) for number in range(-(-rows // HOUR_ROWS))]
     return str(seal(out, [station(rows=rows)], pa.concat_tables(pieces)[:rows], rules=RULES))
 
 
 def shifted(hour: pa.Table, number: int) -> pa.Table:
-    """The rows of an hour, so many hours later."""
+    """Return the rows of an hour, that many hours later."""
     ticks = pc.add(hour["tick"], number * HOUR_ROWS)
     moments = pc.add(hour["time"].cast(pa.int64()), number * HOUR_ROWS * 100_000).cast(
         hour.schema.field("time").type
@@ -197,7 +197,7 @@ def of_folders(count: int, _: float) -> Figures:
 
 
 def copied(first: Path, folder: Path, count: int) -> None:
-    """Make a run with its report, and so many with its record (links: they take no space)."""
+    """Make a run with its report, and that many with the same record (links take no space)."""
     run = make_run(first, 20.0)
     write_report(run)
     copies(run, folder, count)
@@ -243,11 +243,8 @@ PARTS: Final[Mapping[str, Part]] = {
 
 
 def spent(words: Sequence[str], environment: Mapping[str, str] | None = None) -> Figures:
-    """Run the command in a process of its own; return s on the wall, s of CPU, and the most MB of
-    memory.
-
-    The process reports its memory itself: what the system counts of a child begins with its
-    parent's.
+    """Run the command in its own process; return seconds, CPU seconds and peak MB. The process
+    reports its memory itself, because the system's count for a child starts with the parent's.
     """
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command, around = [sys.executable, "-c", PROGRAM, *words], os.environ | (environment or {})
@@ -274,7 +271,7 @@ def size_of(folder: Path) -> int:
 
 
 def measured(path: Path) -> list[Point]:
-    """The points so far; a line that was cut off does not count."""
+    """Return the points so far; a truncated line does not count."""
     lines = path.read_text().splitlines() if path.exists() else []
     points = []
     for line in lines:
@@ -286,7 +283,7 @@ def measured(path: Path) -> list[Point]:
 
 
 def keep(path: Path, points: Sequence[Point]) -> None:
-    """Write all points, complete or as before."""
+    """Write all points, or leave the file as before."""
     aside = path.with_suffix(".tmp")
     aside.write_text(
         "".join(json.dumps(point._asdict(), ensure_ascii=False) + "\n" for point in points)
@@ -297,7 +294,7 @@ def keep(path: Path, points: Sequence[Point]) -> None:
 def measure(
     names: Sequence[str], path: Path, *, tiny: bool, again: bool, most: float, seconds: float
 ) -> list[Point]:
-    """Measure what is missing of these parts; keep each point as soon as it is known."""
+    """Measure what these parts lack; store each point at once."""
     points = [point for point in measured(path) if not (again and point.part in names)]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     for name in names:

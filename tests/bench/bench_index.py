@@ -45,14 +45,14 @@ def made_run(out: Path) -> Path:
 
 
 def add(run: Path, out: Path, begin: int, count: int) -> None:
-    """Runs with this record, under the names that a recorder gives."""
+    """Add runs with this record, under names that a recorder gives."""
     for number in range(begin, begin + count):
         name = f"20261101T{number // 3600:02d}{number // 60 % 60:02d}{number % 60:02d}Z-bench-aaaa"
         as_another(run, out / name)
 
 
 def took(verb: str, out: Path, cache: Path, *more: str) -> tuple[float, float]:
-    """Seconds of wall time and of CPU of a command."""
+    """Return the wall seconds and CPU seconds of a command."""
     command = [sys.executable, "-m", "jbclog", verb, str(out), *WORDS[verb], *more]
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
@@ -64,8 +64,8 @@ def took(verb: str, out: Path, cache: Path, *more: str) -> tuple[float, float]:
 
 
 def measured(verb: str, run: Path, out: Path, cache: Path, new: int) -> list[tuple[float, float]]:
-    """Without an index, the first time with one, twice without a change (the better one), and with
-    new runs.
+    """Measure without an index, the first time with one, twice without a change (the better one
+    counts), and with new runs.
     """
     cache.mkdir()
     closed = cache / "closed"

@@ -41,7 +41,7 @@ def main() -> int:
 
 
 def an_exchange(part: str) -> float:
-    """Return what one more exchange takes: the start is in both runs."""
+    """Return the instructions of one more exchange; the start is in both runs."""
     return (_counted(part, MANY) - _counted(part, FEW)) / (MANY - FEW)
 
 

@@ -44,7 +44,7 @@ OF_REPORT = ("report.*", "annotations.jsonl", "joints.parquet", "figures", "tabl
 
 
 def copies(run: Path, out: Path, count: int, ignore: tuple[str, ...] = ()) -> Path:
-    """A folder of runs with the record of one, under the names that a recorder gives."""
+    """Make a folder of runs with the record of one, under names that a recorder gives."""
     for number in range(count):
         name = f"20261101T{number // 3600:02d}{number // 60 % 60:02d}{number % 60:02d}Z-bench-aaaa"
         as_another(run, out / name, ignore)
@@ -62,7 +62,7 @@ def trend(out: Path) -> None:
 
 
 def least_ms(calls: list[tuple[Callable[[Path], object], Path]], rounds: int) -> list[float]:
-    """The least ms of CPU a run of each call, in rounds that take them in turn."""
+    """Return the minimum CPU in ms per run of each call, in interleaved rounds."""
     took: list[list[float]] = [[] for _ in calls]
     for _ in range(rounds):
         for (call, out), times in zip(calls, took, strict=True):

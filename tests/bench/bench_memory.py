@@ -52,7 +52,7 @@ COMMIT_S, LOOK_S, SEAL_S = 1.0, 60.0, 600.0
 
 @dataclass(slots=True)
 class Hour:
-    """A run on a virtual clock: what the process held, in MB, at each minute that counts."""
+    """A run on a virtual clock: memory of the process in MB, at each minute that counts."""
 
     minutes: list[float] = field(default_factory=list)
     held_mb: list[float] = field(default_factory=list)
@@ -62,7 +62,7 @@ class Hour:
 
     @property
     def growth_mb(self) -> float:
-        """The slope, in MB an hour."""
+        """Return the slope in MB an hour."""
         return linear_regression(self.minutes, self.held_mb).slope * 60
 
 
@@ -148,7 +148,7 @@ def _put_to_work(
 
 
 def _every(driver: VirtualDriver, seconds: float, call: Callable[[float], None]) -> None:
-    """Call `call` every `seconds` of virtual time with how many have gone by."""
+    """Call `call` every `seconds` of virtual time with the seconds so far."""
     began = driver.clock.monotonic()
 
     def again() -> None:
@@ -159,7 +159,7 @@ def _every(driver: VirtualDriver, seconds: float, call: Callable[[float], None])
 
 
 def _seal(store: LiveStore, found: Hour) -> None:
-    """Seal, and let the child end: ten minutes of this clock may be less than it needs."""
+    """Seal, and let the child end: it may need more than ten minutes of this clock."""
     store.seal_now()
     found.seals += 1
     while store._child:
@@ -173,7 +173,7 @@ def _look(found: Hour, minute: float, from_minute: float) -> None:
 
 
 def held_mb() -> float:
-    """What this process holds in memory now."""
+    """Return the memory of this process now."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
 
 

@@ -61,15 +61,15 @@ def main() -> int:
 
 
 def entries(count: int) -> Iterator[Entry]:
-    """Station by station, each in its own order: an audit asks for no other."""
+    """Yield the entries station by station, each in its own order; an audit needs no other."""
     for number in range(count):
         station = Fleet().station(5, number)
         yield from (*station.seen, *station.facts)
 
 
 def audited(path: Path) -> tuple[float, float, float, int]:
-    """Seconds of CPU to read it and to reckon, megabytes, and how many stations came of it; none
-    where the chain does not hold.
+    """Return CPU seconds to read and to compute, megabytes, and the number of stations (none if the
+    chain is broken).
     """
     begun = time.process_time()
     book = read_book(path)
@@ -82,7 +82,7 @@ def audited(path: Path) -> tuple[float, float, float, int]:
 
 
 def parsed(path: Path) -> float:
-    """Seconds of CPU for the least that can be done with it."""
+    """Return the CPU seconds of the minimal reader."""
     begun = time.process_time()
     for line in path.read_bytes().splitlines():
         json.loads(line)

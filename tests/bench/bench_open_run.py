@@ -41,7 +41,7 @@ COLUMNS = ["time", "station", "port", "temperature_c"]
 
 
 def hour(out: Path) -> Path:
-    """A sealed run of an hour, rows in the order of their ticks as a recorder writes them."""
+    """Make a sealed run of an hour, with rows in tick order as a recorder writes them."""
     names = [f"dde-{number:02d}" for number in range(1, STATIONS + 1)]
     rows = table(*(samples(HOUR_ROWS, name, seed=seed) for seed, name in enumerate(names)))
     ordered = rows.take(
@@ -51,7 +51,7 @@ def hour(out: Path) -> Path:
 
 
 def month(folder: Path, hours: int) -> None:
-    """Make the run so long: each further part is the first one again, under another name."""
+    """Extend the run: each further part is a copy of the first, under another name."""
     first = folder / "samples" / "part-0000.parquet"
     for number in range(1, hours):
         os.link(first, folder / "samples" / f"part-{number:04d}.parquet")
@@ -64,7 +64,7 @@ def month(folder: Path, hours: int) -> None:
 
 
 def best(call: Callable[[], object]) -> tuple[float, float]:
-    """The least seconds and the least seconds of CPU of some rounds."""
+    """Return the minimum seconds and CPU seconds of some rounds."""
 
     def took() -> tuple[float, float]:
         begun, used = time.perf_counter(), cpu_s()
@@ -76,16 +76,14 @@ def best(call: Callable[[], object]) -> tuple[float, float]:
 
 
 def speeds(folder: Path) -> list[tuple[float, float]]:
-    """All of the hour by jbclog, by pandas alone, and four of its columns by jbclog."""
+    """Read the hour by jbclog, by pandas alone, and four of its columns by jbclog."""
     whole = best(lambda: open_run(folder).samples())
     alone = best(lambda: pd.read_parquet(folder / "samples"))
     return [whole, alone, best(lambda: open_run(folder).samples(columns=COLUMNS))]
 
 
 def through(out: Path) -> tuple[int, float, float, float]:
-    """Go through a month within the memory that is allowed: rows, seconds, peak in MB, mean
-    temperature.
-    """
+    """Read a month within the allowed memory; return rows, seconds, peak MB, mean temperature."""
     most = MEMORY_MB * 1024 * 1024
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     begun, rows, total = time.perf_counter(), 0, 0.0

@@ -38,7 +38,7 @@ LINES = 12  # of a run's output: a station's refusal stands there
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What a run recorded, and what it took."""
+    """What a run recorded, and its cost."""
 
     late_ms: tuple[float, float, float]  # of each tick's first question: 50 %, 99 %, the latest
     skipped: int
@@ -49,7 +49,7 @@ class Run:
 
 
 class RecordedNothing(Exception):
-    """A run without a sample that counts."""
+    """The run has no sample that counts."""
 
 
 def main() -> int:
@@ -133,8 +133,8 @@ def _tried(tree: Path, stations: Bench, recipe: Path, out: Path, seconds: float)
 
 
 def _lateness(out: Path) -> tuple[list[float], int]:
-    """How late each tick was that counts, in ms, of the run below `out`, and how many ticks were
-    skipped; nothing where there is no run.
+    """Return the lateness in ms of each tick that counts, of the run below `out`, and the number of
+    skipped ticks; nothing if there is no run.
     """
     parts = [*out.glob("*-bench-*/samples/*.parquet")]
     if not parts:

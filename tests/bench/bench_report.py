@@ -61,7 +61,7 @@ def eight_hours(out: Path) -> Path:
 
 
 def measured(run: Path) -> float:
-    """Seconds of a whole process that makes the report."""
+    """Return the seconds of a whole process that makes the report."""
     start = time.perf_counter()
     subprocess.run([sys.executable, "-c", REPORT, str(run)], check=True)
     return time.perf_counter() - start
@@ -80,7 +80,7 @@ def twenty_seconds(out: Path) -> Path:
 
 
 def cpu_of(run: Path) -> float:
-    """Seconds of CPU of a whole process that makes the report, the least of three."""
+    """Return the CPU seconds of a whole process that makes the report, minimum of three."""
     took = []
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -91,13 +91,13 @@ def cpu_of(run: Path) -> float:
 
 
 def of_length(out: Path, seconds: int) -> tuple[float, float]:
-    """CPU in s and memory in MB of the report of one port, in a process of its own."""
+    """Return CPU in s and memory in MB of the report of one port, in its own process."""
     cost = spent(["report", str(in_own_process(sealed, out, 10 * seconds))])
     return cost["CPU"], cost["MB"]
 
 
 def sixteen_stations(out: Path) -> Path:
-    """The run: joints on 32 ports, on one of them an alarm."""
+    """The run: joints on 32 ports, an alarm on one of them."""
     names = [f"dde-{number}" for number in range(1, STATIONS + 1)]
     columns = [
         samples(SHORT_ROWS, name, port, 5.0, seed)
@@ -115,7 +115,7 @@ def sixteen_stations(out: Path) -> Path:
 
 
 def cpu_s(what: Callable[[], object]) -> float:
-    """The least CPU of three."""
+    """Return the minimum CPU of three."""
     took = []
     for _ in range(3):
         start = time.process_time()
@@ -125,7 +125,7 @@ def cpu_s(what: Callable[[], object]) -> float:
 
 
 def a_figure() -> None:
-    """Temperature and power of one port with matplotlib, as plain as can be."""
+    """Draw temperature and power of one port with plain matplotlib."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
@@ -142,7 +142,7 @@ def a_figure() -> None:
 
 
 def in_figures(run: Path) -> tuple[float, float]:
-    """The CPU of a report, imports left out, in seconds and in figures of matplotlib."""
+    """Return the CPU of a report without imports, in seconds and in matplotlib figures."""
     from jbclog.report.write import write_report
 
     report_s, figure_s = cpu_s(lambda: write_report(run)), cpu_s(a_figure)

@@ -37,7 +37,7 @@ PERIOD_US = 1_000_000 // HZ
 
 
 class Tool:
-    """One port of one station, and how its rows look."""
+    """One port of one station, and the shape of its rows."""
 
     def __init__(self, rng: random.Random, station: int, port: int, phase_us: int) -> None:
         self.rng, self.name, self.port, self.phase_us = rng, f"dde-{station:02d}", port, phase_us
@@ -110,7 +110,7 @@ def tools_of(stations: int) -> list[Tool]:
 
 
 def keep(folder: Path, tools: list[Tool], seconds: int) -> tuple[int, float]:
-    """Store the rows a second at a time; give their number and the seconds of CPU that it took."""
+    """Store the rows a second at a time; return their number and the CPU seconds."""
     trouble: list[str] = []
     intake, keeping = (
         RowBuffer(folder.name, lambda table, error: trouble.append(f"{table}: {error}")),
@@ -137,10 +137,9 @@ def keep(folder: Path, tools: list[Tool], seconds: int) -> tuple[int, float]:
 
 
 def held_up(tools: list[Tool], busy: bool, seconds: float = 4.0) -> float:
-    """How much later than asked a thread wakes each millisecond, 99 % of the times, in ms.
-
-    `busy`: while another one makes batches of a second of `tools`, one after the other, as the
-    writer does once a second.
+    """Return how late a thread wakes that sleeps 1 ms repeatedly (99th percentile, in ms). With
+    `busy`, another thread makes batches of a second of `tools`, one after the other, as the writer
+    does once a second.
     """
     values = [value for rows in seconds_of_rows(tools, 1) for row in rows for value in row]
     done = threading.Event()
@@ -200,7 +199,7 @@ def figures(out: Path, stations: int, minutes: int) -> Iterator[tuple[str, str, 
 
 
 def beside_pandas(folder: Path, rows: int) -> Iterator[tuple[str, str, str]]:
-    """The same table as most programs would write it."""
+    """Write the same table as most programs would."""
     import pandas as pd
 
     began = time.perf_counter()

@@ -67,7 +67,7 @@ def main() -> int:
 
 
 def _cpu_ms(commands: Mapping[str, Sequence[str]], times: int) -> dict[str, float]:
-    """The median CPU of each command's process; one before is for the files' sake."""
+    """Return the median CPU of each command's process; a first one warms the file cache."""
     took: dict[str, list[float]] = {name: [] for name in commands}
     for _ in range(times + 1):
         for name, command in commands.items():

@@ -95,7 +95,7 @@ def main() -> int:
 
 
 def _counting(runs: Path, stretch_s: float) -> dict[str, tuple[float, float]]:
-    """What counting the joints takes, s of CPU, and what the schedule of counts expects."""
+    """Return the CPU seconds of counting the joints, and the schedule's estimates."""
     (folder,) = runs.glob("*-bench-*")
     joints, through = GrowingJoints(folder), commit_status(folder).last
     began = time.process_time()
@@ -147,7 +147,7 @@ def _claims(
 
 @contextmanager
 def following(runs: Path, count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """So many followers, once each of them has read what there is."""
+    """Start that many followers; wait until each has read the run so far."""
     command = [sys.executable, "-c", FOLLOW, str(runs)]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
     try:
@@ -168,7 +168,7 @@ def _stretch(seconds: float) -> Stretch:
 
 
 def _cpu_s(process: subprocess.Popen[bytes]) -> float:
-    """The CPU that a process has used so far."""
+    """Return the CPU seconds of a process so far."""
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

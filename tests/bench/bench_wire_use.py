@@ -75,14 +75,14 @@ def _claims(bare_use: Use, our_use: Use, ours: Recorded) -> list[Claim]:
 
 
 def _wanted(bare_use: Use) -> float:
-    """97 %, which is 0.99 of the 98 % that the bare loop reaches; as much of what it does reach
-    where others are busy.
+    """97 % is 0.99 of the 98 % that the bare loop reaches; on a busy machine, the same share of
+    what it does reach.
     """
     return min(97.0, 0.99 * bare_use.percent)
 
 
 def _shortest(use: Use) -> tuple[float, float]:
-    """The exchange with the least to spare: what it took, and what its bytes take."""
+    """The exchange with the least slack: its time, and the time of its bytes."""
     took = use.shortest.answered - use.shortest.asked
     return took, took - slack_s(use.shortest)
 

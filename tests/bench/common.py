@@ -66,7 +66,7 @@ alarms_every_s = {alarms_every_s}
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Virtual stations that are being served: the line file for a run, and the ports for a bare
+    """Virtual stations while they are served: the line file for a run, and the ports for a bare
     loop.
     """
 
@@ -76,7 +76,7 @@ class Bench:
     wire_log: Path  # there where it was asked for
 
     def recipe(self, *, alarms_every_s: float = 2.0) -> Path:
-        """A recipe file for them."""
+        """Write a recipe file for them."""
         path = self.folder / "bench.toml"
         path.write_text(RECIPE.format(hz=HZ, alarms_every_s=alarms_every_s))
         return path
@@ -92,9 +92,7 @@ def virtual_stations(
     log: bool = False,
     baudrate: int = LINE.baudrate,
 ) -> Iterator[Bench]:
-    """Serve `count` stations of family dde for as long as the `with` lasts; their sensors have a
-    little noise.
-    """
+    """Serve `count` stations of family dde during the `with`; their sensors have a little noise."""
     with TemporaryDirectory(prefix="jbclog-bench-") as made:
         folder = Path(made)
         names = [f"dde-{number:03d}" for number in range(1, count + 1)]
@@ -115,7 +113,7 @@ def line_text(
     wire: bool = True,
     baudrate: int = LINE.baudrate,
 ) -> str:
-    """A line file of such stations."""
+    """Return a line file of such stations."""
     station = """
 [[station]]
 name = "{name}"
@@ -145,21 +143,19 @@ noise_c = 0.5
 
 
 def in_own_process(call: Callable[P, T], *args: P.args, **keys: P.kwargs) -> T:
-    """What `call` gives in a fresh Python process, in its main thread."""
+    """Return what `call` returns in a fresh Python process, in its main thread."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as own:
         return own.submit(call, *args, **keys).result()
 
 
 def cpu_s() -> float:
-    """Seconds of CPU that this process has used with all its threads and with its children that
-    have ended.
-    """
+    """Return the CPU seconds of this process with all its threads and its ended children."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 def percentile(values: Sequence[float], percent: float) -> float:
-    """The value that `percent` % of `values` do not exceed."""
+    """Return the value that `percent` % of `values` do not exceed."""
     return sorted(values)[min(int(len(values) * percent / 100), len(values) - 1)]
 
 
@@ -168,7 +164,7 @@ def percentile(values: Sequence[float], percent: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """Something promised: `holds` says whether this run bears it out, `figure` by how much."""
+    """A promise: `holds` says whether this run meets it, `figure` by how much."""
 
     text: str
     holds: bool
@@ -187,7 +183,7 @@ def at_least(text: str, value: float, limit: float, unit: str = "") -> Claim:
 
 
 def bytes_allow(who: str, shortest_s: float, least_s: float = READ_S) -> Claim:
-    """The pacer's own claim: without it a ratio says nothing. `least_s` is what the bytes take."""
+    """The pacing must hold, or a ratio says nothing. `least_s` is the time of the bytes."""
     text = f"{who}: no exchange took less than its bytes allow"
     return Claim(
         text,
@@ -222,6 +218,6 @@ def _cell(value: object) -> str:
 
 
 def judge(claims: Sequence[Claim]) -> int:
-    """Print the claims; give the exit code."""
+    """Print the claims; return the exit code."""
     print(*claims, sep="\n")
     return 0 if all(claim.holds for claim in claims) else 1

@@ -81,9 +81,7 @@ dashed.
 
 
 class Point(NamedTuple):
-    """What was measured at one size of one part; `about`, `machine` and `day` say how, where and
-    when.
-    """
+    """The values of one size of one part; `about`, `machine` and `day` say how, where and when."""
 
     part: str
     size: float
@@ -94,9 +92,7 @@ class Point(NamedTuple):
 
 
 def write_page(points: Sequence[Point], parts: Iterable[str], docs: Path) -> list[Path]:
-    """Write `reference/growth.md` and a picture for each part below `docs`; return what was
-    written.
-    """
+    """Write `reference/growth.md` and a picture for each part below `docs`; return the files."""
     pictures, page = docs / "pictures", docs / "reference" / "growth.md"
     for folder in (pictures, page.parent):
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,7 +106,7 @@ def write_page(points: Sequence[Point], parts: Iterable[str], docs: Path) -> lis
 
 
 def series_of(points: Sequence[Point], parts: Iterable[str]) -> dict[str, list[Point]]:
-    """The points of each part that has some, by size."""
+    """Return the points of each part that has some, by size."""
     by_part = {
         name: sorted((one for one in points if one.part == name), key=lambda one: one.size)
         for name in parts
@@ -124,7 +120,7 @@ def text_of(by_part: Mapping[str, Sequence[Point]]) -> str:
 
 
 def section(name: str, series: Sequence[Point]) -> str:
-    """A part: what it is, where and when, the picture, the table, and what is not straight."""
+    """Write a part: what it is, where and when, picture, table, and what is not straight."""
     how = sorted({f"{point.about} ({point.day}, {point.machine})" for point in series})
     bent = [
         f"- {figure}: up to {100 * line.departure:.0f} % from its line. {why(name, figure)}"
@@ -158,7 +154,9 @@ def rows(name: str, series: Sequence[Point]) -> list[str]:
 
 
 class Line(NamedTuple):
-    """A straight line through the values of a figure; `departure` is the largest relative one."""
+    """A straight line through the values of a figure; `departure` is the largest relative
+    deviation.
+    """
 
     fixed: float
     each: float
@@ -182,7 +180,7 @@ def line_of(series: Sequence[Point], figure: str) -> Line:
 
 
 def drawing(name: str, series: Sequence[Point]) -> str:
-    """A small picture for each figure, as SVG."""
+    """Draw a small picture for each figure, as SVG."""
     figures = list(series[0].figures)
     lines = -(-len(figures) // COLUMNS)
     with styled():

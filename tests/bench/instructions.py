@@ -35,7 +35,7 @@ QUESTION, ANSWER = b"\x020001RTT1\x03\x25", b"\x020100ATT100350\x03\x14"
 
 
 class Nobody:
-    """A journal that keeps nothing."""
+    """A journal that stores nothing."""
 
     def sample(self, row: SampleRow) -> None: ...
     def counter(self, row: CounterRow) -> None: ...
@@ -45,14 +45,14 @@ class Nobody:
 
 
 def in_pieces(data: bytes, pieces: int) -> list[bytes]:
-    """Split `data` into so many pieces, the longer ones first; one byte is the least."""
+    """Split `data` into that many pieces, the longer ones first, at least one byte each."""
     size = -(-len(data) // pieces)
     return [data[begin : begin + size] for begin in range(0, len(data), size)]
 
 
 def session(exchanges: int, pieces: int) -> None:
-    """A session that samples at 10 Hz, on answers that its virtual station gave before, without any
-    driver.
+    """A session that samples at 10 Hz without any driver, on recorded answers of its virtual
+    station.
     """
     with tempfile.TemporaryDirectory() as name:
         line, recipe = Path(name, "line.toml"), Path(name, "recipe.toml")
@@ -89,7 +89,7 @@ def session(exchanges: int, pieces: int) -> None:
 
 
 class Pipe:
-    """A port whose other end answers at once; so many reads take an answer."""
+    """A port whose other end answers at once; an answer takes that many reads."""
 
     url = "pipe"
 
@@ -113,7 +113,7 @@ class Pipe:
 
 
 def drive(exchanges: int, pieces: int) -> None:
-    """The reactor with a session that only asks, and listens for the rest of an answer."""
+    """The reactor with a session that only asks, and waits for the rest of an answer."""
 
     def steps() -> Steps[None]:
         yield Reopen()
@@ -134,7 +134,7 @@ class _Answer(NamedTuple):
 
 
 class _Meter:
-    """Attributes, conditions and calls as a session has them."""
+    """Attributes, conditions and calls like those of a session."""
 
     def __init__(self) -> None:
         self.came = self.asked = 0
@@ -163,7 +163,7 @@ class _Meter:
 
 
 def yardstick(exchanges: int, _pieces: int) -> None:
-    """What both are compared with: a small program of the same kind. It is not to be changed."""
+    """The baseline of both: a small program of the same kind. Do not change it."""
 
     def ask(meter: _Meter, row: list[int]) -> Generator[bytes, _Answer, None]:
         while True:

@@ -25,7 +25,7 @@ WARM_UP_SCANS = 50
 
 
 def pymeasure(url: str, seconds: float, csv: Path) -> Measured:
-    """The four reads without pause, each scan a line of CSV."""
+    """Make the four reads without pause, each scan a line of CSV."""
     from pymeasure.experiment import Results, Worker
 
     procedure = _procedure(url, seconds)
@@ -40,7 +40,7 @@ def pymeasure(url: str, seconds: float, csv: Path) -> Measured:
 
 
 def _procedure(url: str, seconds: float) -> Procedure:
-    """A procedure of PyMeasure: `measured` is there when it has ended."""
+    """Return a PyMeasure procedure; `measured` is set when it has ended."""
     from pymeasure.adapters import SerialAdapter
     from pymeasure.experiment import Procedure
     from pymeasure.instruments import Instrument

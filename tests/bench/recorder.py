@@ -26,7 +26,7 @@ from support.readers.run_files import read_rows
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """One run. CPU is the recorder's with its sealing children's, from when all stations sample
+    """One run. CPU is that of the recorder and its sealing children, from when all stations sample
     until the first has ended.
     """
 
@@ -56,7 +56,7 @@ class Mark(NamedTuple):
 
 
 class Watcher:
-    """Looks on each second while all stations sample."""
+    """Looks each second while all stations sample."""
 
     def __init__(self) -> None:
         self.first: Mark | None = None
@@ -138,8 +138,8 @@ def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
 
 
 def _late_ms(ports: list[int], late_us: list[int | None]) -> list[float]:
-    """How late each tick was: its first port's lateness, for the others wait for their turn on the
-    wire.
+    """Return the lateness of each tick: that of its first port, because the others wait for the
+    link.
     """
     return [
         us / 1000 for port, us in zip(ports, late_us, strict=True) if port == 1 and us is not None
@@ -147,13 +147,13 @@ def _late_ms(ports: list[int], late_us: list[int | None]) -> list[float]:
 
 
 def _tenths(values: list[float]) -> Iterator[list[float]]:
-    """Yield ten equal parts, those that are not empty."""
+    """Yield ten equal parts, without empty ones."""
     ends = [len(values) * number // 10 for number in range(11)]
     return (values[first:end] for first, end in pairwise(ends) if end > first)
 
 
 def _peak_mb() -> float:
-    """The most memory that this process has held."""
+    """Return the peak memory of this process."""
     status = Path("/proc/self/status").read_text()
     return (
         int(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1])

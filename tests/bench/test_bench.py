@@ -59,7 +59,7 @@ for script in scripts:
 
 
 def test_every_benchmark_can_be_loaded_as_a_script() -> None:
-    """Each with its own folder on the path, no other of the tests: nothing else runs them all."""
+    """Each has only its own folder on the path; no other test runs all of them."""
     folder = Path(__file__).parent
     scripts = sorted(map(str, folder.glob("bench_*.py")))
     loaded = subprocess.run(

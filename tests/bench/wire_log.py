@@ -13,7 +13,7 @@ from common import LINE, percentile
 
 
 class Exchange(NamedTuple):
-    """A question and its answer at the station: monotonic seconds, and the bytes of both."""
+    """A question and its answer at the station: monotonic seconds, and the characters of both."""
 
     asked: float
     answered: float
@@ -22,7 +22,7 @@ class Exchange(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """What was on one wire between two moments."""
+    """The traffic on one link between two moments."""
 
     exchanges: int
     seconds: float
@@ -32,7 +32,7 @@ class Use:
 
     @property
     def percent(self) -> float:
-        """How much of the time there were bytes on the wire."""
+        """The share of time with bytes on the link."""
         return self.bytes_s / self.seconds * 100
 
     @property
@@ -41,7 +41,7 @@ class Use:
 
 
 def use_of(log: Path, began: float, seconds: float) -> Use:
-    """The exchanges of the one station in `log` that were asked within `seconds` of `began`."""
+    """Return the exchanges of the one station in `log` within `seconds` of `began`."""
     found = [one for one in exchanges(log) if began <= one.asked < began + seconds]
     taken = sum(LINE.seconds(one.characters) for one in found)
     idle_us = [
@@ -58,7 +58,7 @@ def use_of(log: Path, began: float, seconds: float) -> Use:
 
 
 def slack_s(exchange: Exchange) -> float:
-    """How much longer it took than its bytes; below nothing the pacer would be wrong."""
+    """Return the time beyond that of the bytes; a negative one means that the pacing is wrong."""
     return exchange.answered - exchange.asked - LINE.seconds(exchange.characters)
 
 
