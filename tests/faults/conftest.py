@@ -20,13 +20,13 @@ COMPILER = shutil.which("cc") or shutil.which("gcc")
 
 @pytest.fixture(scope="module")
 def failing_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """To be preloaded (LD_PRELOAD): a disk that fails."""
+    """A library for LD_PRELOAD: a disk that fails."""
     return made("failing_disk", tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
 def starving_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """To be preloaded: memory that is refused."""
+    """A library for LD_PRELOAD: memory requests that fail."""
     return made("failing_alloc", tmp_path_factory)
 
 

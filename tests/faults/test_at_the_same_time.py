@@ -24,8 +24,8 @@ PROCESSES, NAMES = 40, 16
 
 
 def in_a_process(act: Callable[[], str], waiting: int, begin: int) -> int:
-    """A child that waits until `begin` is closed, and puts what `act` gives into the pipe whose end
-    this is.
+    """Start a child that waits until `begin` is closed and writes the result of `act` into a pipe;
+    return its other end.
     """
     reading, writing = os.pipe()
     if os.fork():
@@ -42,7 +42,7 @@ def in_a_process(act: Callable[[], str], waiting: int, begin: int) -> int:
 def test_forty_processes_that_want_one_of_sixteen_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Sixteen get a folder of their own, all others a refusal, and nobody another's."""
+    """Sixteen get their own folder, all others a refusal, and none gets another's."""
     monkeypatch.setattr(
         folders.secrets, "choice", lambda _letters: secrets.SystemRandom().choice("ab")
     )
@@ -76,7 +76,7 @@ def test_forty_processes_that_want_one_of_sixteen_names(
 def test_readers_see_every_row_once_while_the_run_is_written_and_sealed(
     tmp_path: Path, rounds: int
 ) -> None:
-    """What was committed is there, whole and in order, at whichever moment of a sealing."""
+    """Committed rows are there, whole and in order, at any moment of sealing."""
     store = few_rows.begun(tmp_path)
     committed, is_over, wrong, looks = 0, threading.Event(), list[str](), 0
 

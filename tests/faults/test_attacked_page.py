@@ -54,7 +54,7 @@ def server(tmp_path: Path, recording: Recording) -> Iterator[tuple[subprocess.Po
 
 
 def attacks(run: str, port: int) -> dict[str, bytes]:
-    """What each client sends, and then nothing more; and takes nothing."""
+    """What each client sends; then it sends nothing more and reads nothing."""
 
     def get(path: str, more: str = "") -> bytes:
         return f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{more}\r\n".encode()
@@ -75,7 +75,7 @@ def attacks(run: str, port: int) -> dict[str, bytes]:
 
 
 def answer_s(port: int) -> float | None:
-    """How long the page takes to be there; None: it is refused."""
+    """Return the seconds until the page arrives; None if it is refused."""
     began = time.monotonic()
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10 * ANSWERS_S)
     try:
@@ -107,7 +107,9 @@ def attacked(stack: ExitStack, port: int, sent: bytes) -> None:
 def withstands(
     server: tuple[subprocess.Popen[str], int], sent: bytes, number: int, seconds: float
 ) -> str:
-    """Attack the page from so many connections, hold them so long; what the page did meanwhile."""
+    """Attack the page from that many connections and hold them that long; return what the page did
+    meanwhile.
+    """
     process, port = server
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
@@ -148,7 +150,7 @@ def test_a_thousand_connections(
 
 
 def asks(port: int, path: str, end_s: float) -> int:
-    """Ask again as soon as there is an answer; how often there was one."""
+    """Ask again after each answer; return the number of answers."""
     answers = 0
     with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as connection:
         while time.monotonic() < end_s:

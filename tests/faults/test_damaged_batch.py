@@ -40,7 +40,7 @@ def flip(data: bytearray, place: int) -> None:
 
 @pytest.fixture(scope="module")
 def batches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """By the file that holds it: a batch that is in the log, and one that is in the pages."""
+    """By the file that holds it: a batch in the log, and one in the pages."""
     home = tmp_path_factory.mktemp("batches")
     journal = begin(home, "", lambda: NIGHT)
     job = JobDir(journal.folder / "jobs" / "a-1", journal.store)
@@ -56,7 +56,7 @@ def batches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def outcome(home: Path) -> str:
-    """What became of the damaged batch: "whole", "cut" or "refused"."""
+    """Return the state of the damaged batch: "whole", "cut" or "refused"."""
     try:
         journal = newest(home, lambda: NIGHT)
     except RecordError as error:

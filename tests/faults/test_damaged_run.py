@@ -50,7 +50,7 @@ STATION = HEAD.station
 
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small sealed run with a wire."""
+    """A small sealed run with a serial capture."""
     folder = make_run(tmp_path_factory.mktemp("runs"), seconds=2.0)
     write_wire(folder)
     manifest = read_manifest(folder)
@@ -69,7 +69,9 @@ def report(sealed: Path) -> dict[str, bytes]:
 
 
 def shown(folder: Path) -> Shown:
-    """All that `open_run` gives, table by table; what says that it cannot be shown is left out."""
+    """Return everything that `open_run` gives, table by table, without tables that say they cannot
+    be shown.
+    """
     found: Shown = {}
     try:
         run = open_run(folder)
@@ -99,7 +101,7 @@ def whole(sealed: Path) -> Shown:
 
 
 def is_wrong(found: Shown, whole: Shown) -> bool:
-    """Whether anything is shown that is not what was recorded."""
+    """Whether anything is shown that differs from the record."""
     return any(not _same(found[name], whole[name]) for name in found)
 
 
@@ -120,7 +122,7 @@ def named(folder: Path, name: str) -> bool:
 
 
 def assert_next_run_begins(out: Path) -> None:
-    """What a start does with the runs that lie there already."""
+    """The steps of a start that concern the runs already there."""
     settle(out, {"dde-1.pty"}, is_held)
     previous_run(out, "bench")
     assert create_run(out, "bench", 1_790_000_500.0).is_dir()
@@ -137,7 +139,7 @@ def report_is_wrong(folder: Path, whole: dict[str, bytes]) -> bool:
 
 
 def alterations(data: bytes, long: bool) -> Iterator[Altered]:
-    """Each percent, bits and bytes in places, sectors of zeros, pieces lost and doubled."""
+    """Bits and bytes at each percent, sectors of zeros, pieces lost and doubled."""
     stride = max(len(data) // (150 if long else 2), 1)
     yield from percents_cut_off(data, 1 if long else 50)
     yield from bits_flipped(data, 8 * stride + 3)
@@ -149,7 +151,7 @@ def alterations(data: bytes, long: bool) -> Iterator[Altered]:
 def walk(
     sealed: Path, whole: Shown, report: dict[str, bytes], home: Path, name: str, long: bool
 ) -> Count:
-    """Alter one file of a sealed run in every way, and look at everything."""
+    """Alter one file of a sealed run in every way, and examine everything."""
     trial = home / "runs" / sealed.name
     shutil.copytree(sealed, trial)
     data, count = (path := trial / name).read_bytes(), Count(f"sealed run, {name} altered")
@@ -257,7 +259,7 @@ def test_a_manifest_that_is_none_stops_nothing(sealed: Path, tmp_path: Path, dat
 
 
 def test_a_ledger_that_was_altered_is_named(sealed: Path, tmp_path: Path) -> None:
-    """Every number of it, with a digest that was made to fit: the tables say something else."""
+    """Every number of it, with a recomputed digest: it contradicts the tables."""
     trial = tmp_path / sealed.name
     shutil.copytree(sealed, trial)
     count = Count("sealed run, a number of the ledger altered")
@@ -279,7 +281,7 @@ def test_a_ledger_that_was_altered_is_named(sealed: Path, tmp_path: Path) -> Non
 
 @pytest.fixture(scope="module")
 def half_sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A crash in the middle of sealing: all rows are in parts, and in the live store still."""
+    """A crash in mid-sealing: all rows are in parts, and still in the live store."""
     folder = few_rows.abandoned(tmp_path_factory.mktemp("runs"), commits=3, rows=10)
     seal_rows(folder)
     return folder
@@ -294,7 +296,7 @@ def open_trial(half_sealed: Path, home: Path, name: str, one: Altered) -> Path:
 
 
 def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
-    """A part altered, then recovered: the rows come from the live store, exactly as they were."""
+    """A part altered, then recovered: the rows come from the live store, unchanged."""
     data, count = (
         (half_sealed / name).read_bytes(),
         Count(f"half sealed run, {name} altered, then recovered"),
@@ -321,8 +323,8 @@ def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
 def test_a_part_damaged_between_sealing_and_the_removal_of_the_live_store(
     half_sealed: Path, tmp_path: Path, place: str
 ) -> None:
-    """A power loss at the very end: the manifest says sealed, the live store is there, a part never
-    came to the disk.
+    """A power loss at the very end: the manifest says sealed, the live store is there, and a part
+    never reached the disk.
     """
     trial = tmp_path / half_sealed.name
     shutil.copytree(half_sealed, trial)

@@ -38,7 +38,7 @@ def in_the_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def in_the_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose rows are all in the database's pages, which have no check sums of their own."""
+    """A run whose rows are all in the pages of the database, which have no checksums."""
     return few_rows.abandoned(
         tmp_path_factory.mktemp("runs"), commits=3, rows=ROWS // 3, in_pages=True
     )
@@ -96,8 +96,8 @@ def test_the_first_bytes_of_the_pages(in_the_pages: Path, tmp_path: Path) -> Non
 
 
 def test_a_complaint_that_quotes_what_is_no_text(in_the_pages: Path, tmp_path: Path) -> None:
-    """SQLite quotes the damaged words of the schema; where they are no UTF-8, Python raises another
-    error than for all else.
+    """SQLite quotes damaged words of the schema; if they are not UTF-8, Python raises a different
+    error.
     """
 
     def quoted(data: bytearray, _: int) -> None:

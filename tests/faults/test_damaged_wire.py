@@ -78,13 +78,13 @@ def path(tmp_path: Path) -> Path:
 
 
 def is_in_order(found: list[CaptureRow]) -> bool:
-    """Whether these are rows of the file, each once and in their order."""
+    """Whether these are rows of the file, each once and in order."""
     left = iter(ROWS)
     return all(row in left for row in found)
 
 
 def pairs(rows: Iterator[CaptureRow]) -> Iterator[tuple[bytes, bytes]]:
-    """Each question with what the tape has for it."""
+    """Yield each question with its answers on the tape."""
     asked = b""
     for row in rows:
         if isinstance(row, LinkRow) and row.what == "sent":
@@ -94,7 +94,7 @@ def pairs(rows: Iterator[CaptureRow]) -> Iterator[tuple[bytes, bytes]]:
 
 
 def assert_holes_say_where(found: list[CaptureRow | Hole]) -> None:
-    """What is missing lies between the moments that a hole names."""
+    """The missing rows lie between the moments that a hole states."""
     last: float | None = None
     for one in found:
         if isinstance(one, Hole):
@@ -118,8 +118,8 @@ def head_of(path: Path) -> Head | None:
 
 
 def look(path: Path, one: Altered, count: Count) -> list[CaptureRow]:
-    """The rows that are left; nothing wrong among them, nothing missing without a word, no error
-    but what a record's are.
+    """Return the remaining rows; none is wrong, each loss is reported, and no error is raised but
+    those of a record.
     """
     path.write_bytes(one.data)
     found = list(rows_and_holes(path))
@@ -200,7 +200,7 @@ def test_every_byte_altered_and_every_length(path: Path, whole: bytes) -> None:
 
 
 def block_of(whole: bytes, number: int) -> tuple[int, int]:
-    """Where a block of the file begins and ends."""
+    """Return where a block of the file begins and ends."""
     starts = [
         place for place in range(len(whole)) if whole.startswith(capture_file.FIXED, place)
     ] + [len(whole)]
@@ -256,7 +256,7 @@ def test_the_head_stands_in_more_than_one_place(path: Path, whole: bytes) -> Non
 
 
 def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
-    """Check sums hold of bytes that are not the recorder's: a block made by hand."""
+    """Correct checksums over bytes that no recorder writes: a block made by hand."""
     start, end = block_of(whole, 3)
     text = "8124.0\topened\tx\n"
     bad = capture_file.packed(text, 3, 12, capture_file.zlib.crc32(head_line(HEAD).encode()))
@@ -310,7 +310,9 @@ def test_heads_that_are_not_believed(
 
 
 def test_a_newer_file_that_is_packed_otherwise_says_its_format(path: Path, whole: bytes) -> None:
-    """What does not hold here may hold there: it is no damage that is told, but the format."""
+    """Rules of this format may not hold for a newer one, so the message gives the format, not
+    damage.
+    """
     path.write_bytes(
         SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 3', b'"format": 4'))[:-8]
         + b"other check sums"
@@ -380,7 +382,7 @@ def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A sealed run with its wire, as far as a replay looks at it."""
+    """A sealed run with its capture, as far as a replay reads it."""
     folder = tmp_path / "run"
     recorded(folder, line_text(), duration_s=5)
     files = [
@@ -396,7 +398,7 @@ def test_a_recording_as_it_was_made_raises_no_doubt(run: Path) -> None:
 
 @pytest.mark.parametrize("name", ["wire/dde-1.tsv.gz", "line.toml", "recipes/recipe.toml"])
 def test_what_was_changed_since_is_named(run: Path, name: str) -> None:
-    """Also where all of its own check sums hold."""
+    """Even if all checksums in the file are right."""
     data = (run / name).read_bytes()
     (run / name).write_bytes(
         gzip.compress(gzip.decompress(data)) if name.endswith(".gz") else data + b"\n"

@@ -57,8 +57,8 @@ print(json.dumps([str(store.folder), acknowledged, [str(error) for error in told
 def recorded(
     out: Path, *, rows: int, limit: int = 0, reserve: int = 65536, give_up: bool = True
 ) -> tuple[Path, int, list[str]]:
-    """A recorder in a process of its own; its folder, the rows that were acknowledged, what it was
-    told of failures.
+    """Run a recorder in its own process; return its folder, the acknowledged rows and the failures
+    it reported.
     """
     program = RECORDER.format(
         out=str(out), rows=rows, limit=limit, reserve=reserve, give_up=give_up
@@ -78,8 +78,8 @@ def recorded(
 
 
 def test_files_that_may_not_grow_are_followed_by_new_ones(tmp_path: Path) -> None:
-    """A limit on a file's size is an input/output error to SQLite: the store goes on in a new file,
-    nothing is lost.
+    """SQLite sees a file size limit as an I/O error: the store continues in a new file, and nothing
+    is lost.
     """
     folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=300_000)
     assert acknowledged == 30_000
@@ -104,8 +104,8 @@ def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was
 @pytest.mark.campaign
 @pytest.mark.parametrize("give_up", [True, False], ids=["ends", "goes-on"])
 def test_a_full_disk(tmp_path: Path, give_up: bool, counted: Callable[..., None]) -> None:
-    """A real one of 3 MB, of which the reserve holds half: acknowledged rows are there, and there
-    is room to seal them.
+    """A real disk of 3 MB, half of it reserved: acknowledged rows are there, with room to seal
+    them.
     """
     with small_disk(tmp_path / "disk", "3m") as disk:
         folder, acknowledged, told = recorded(

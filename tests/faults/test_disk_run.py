@@ -93,7 +93,7 @@ MOST_OPERATIONS = 150
 def failing(
     line: ServedLine, out: Path, library: Path, nth: int, error: int, again: int
 ) -> list[str]:
-    """Record on a disk whose operation `nth` fails, in each process of the run; what does not hold
+    """Record on a disk whose operation `nth` fails in each process of the run; return violations
     afterwards.
     """
     assert line.log is not None

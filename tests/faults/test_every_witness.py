@@ -49,7 +49,7 @@ beginning.
 
 @dataclass
 class Slow:
-    """A cable on which answers take as long as the phases say, and come in their order."""
+    """A cable on which answers take as long as the phases say, and stay in order."""
 
     cable: Peer
     phases: Sequence[Phase]
@@ -72,9 +72,7 @@ class Slow:
 
 
 def history(rng: Random) -> list[Phase]:
-    """Phases in which a station answers late, each for a while or once, and others in which it is
-    silent.
-    """
+    """Return phases in which a station answers late, for a while or once, or is silent."""
     phases, at = [], QUIET_S
     while at < DURATION_S:
         at += rng.expovariate(1 / 10)
@@ -90,7 +88,7 @@ def history(rng: Random) -> list[Phase]:
 
 
 def stops(rng: Random) -> list[Phase]:
-    """When the host stands still: long enough to be reported, or so short that it was only busy."""
+    """Return when the host stops: long enough to be reported, or so short that it was only busy."""
     lengths = [
         rng.choice([rng.uniform(0.3, BUSY_S), rng.uniform(SUSPENDED_S + 3, 15.0)])
         for _ in range(rng.choice([0, 0, 1, 3]))
@@ -104,7 +102,7 @@ def stops(rng: Random) -> list[Phase]:
 
 @dataclass
 class Trial:
-    """One run, with what was done to whom."""
+    """One run, with every fault and its target."""
 
     run: VirtualRun
     phases: dict[str, list[Phase]]
@@ -144,18 +142,18 @@ class Trial:
         return stop
 
     def moment(self, micros: int | None) -> float:
-        """Of an event, on the monotonic clock."""
+        """Return an event's time on the monotonic clock."""
         assert micros is not None
         return micros / 1e6 - self.run.utc_s(0.0)
 
     def was_stopped(self, begin: float, end: float, least_s: float = 0.0) -> bool:
-        """Whether the host really stood still for so long between these moments."""
+        """Whether the host really stopped for that long between these moments."""
         return any(
             min(end, stop) - max(begin, start) > least_s - 1e-3 for start, stop in self.stopped
         )
 
     def was_odd(self, station: str, moment: float) -> bool:
-        """Whether something had been done to the station shortly before."""
+        """Whether the station had a fault shortly before."""
         return any(
             begin <= moment - self.run.t0 <= end + SETTLES_S
             for begin, end, _ in self.phases[station]
@@ -163,8 +161,8 @@ class Trial:
 
 
 def assert_all_agree(trial: Trial) -> int:
-    """Hold each event against what was done, and against the rows of all stations. How many events
-    there were.
+    """Compare each event with the injected faults and with the rows of all stations; return the
+    number of events.
     """
     run, looked = trial.run, 0
     period = run.facts.period_s or 1.0
@@ -201,8 +199,8 @@ def assert_all_agree(trial: Trial) -> int:
 
 
 def assert_each_tick_is_where_it_belongs(trial: Trial) -> int:
-    """No row is missing but of a tick at which the host stood still; none of the quick station's
-    has no value but for that.
+    """Only rows of ticks at which the host stopped are missing; the quick station has no null
+    otherwise.
     """
     run, seen = trial.run, 0
     for name, context in run.contexts.items():
@@ -262,7 +260,7 @@ def test_four_hundred_random_histories(counted: Callable[..., None]) -> None:
 
 
 def test_a_station_that_was_slow_once_and_falls_silent_is_away_and_no_host_stood_still() -> None:
-    """Its patience has grown by the slow answer, so three tries last six seconds."""
+    """The slow answer lengthened its time-out, so three tries last six seconds."""
     phases: list[Phase] = [
         (20.0, 21.0, 0.09),
         (21.0, 22.0, 0.3),
@@ -304,8 +302,8 @@ def test_a_station_that_answers_ever_later_makes_no_computer_busy() -> None:
 
 
 def test_an_omega_that_knows_a_alone_loses_answers_and_the_computer_is_not_busy() -> None:
-    """There is nothing to be asked in between, so a lost answer costs two seconds: those ticks are
-    the link's.
+    """Nothing can be asked in between, so a lost answer costs two seconds: those ticks belong to
+    the link.
     """
     text = (
         '[line]\nname = "test"\n[[station]]\nname = "omega-1"\nurl = "omega-1"\nfamily = "omega"\n'

@@ -31,7 +31,7 @@ NAMES = ["one-error", "errors-from-then-on", "no-room-once", "no-room-from-then-
 def outcomes(
     library: Path, home: Path, scenario: str, fault: tuple[str, int], first: int, stride: int
 ) -> list[dict[str, object]]:
-    """What came of operations FIRST, FIRST + STRIDE ... that failed."""
+    """Return the outcomes of the failed operations FIRST, FIRST + STRIDE ..."""
     places = os.pathsep.join(
         [*(path for path in sys.path if path), os.environ.get("PYTHONPATH", "")]
     )
@@ -45,7 +45,7 @@ def outcomes(
 
 
 def assert_nothing_is_wrong(found: list[dict[str, object]]) -> int:
-    """How often something failed; the last one is where nothing was left to fail."""
+    """Return the number of failures; after the last one nothing was left to fail."""
     assert [one for one in found if one["wrong"]] == []
     assert found[-1]["fired"] == 0
     return sum(bool(one["fired"]) for one in found)

@@ -66,12 +66,12 @@ class Case:
 
 
 class TooBusy(Exception):
-    """The machine has so much else to do that stations answered too late for the rate."""
+    """The machine is so busy that stations answered too late for the rate."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run came to."""
+    """The outcome of a run."""
 
     late_ms: float  # the latest row of the stations that are not flooded
     before_ms: float  # the same of the rows before the flood
@@ -85,7 +85,7 @@ class Outcome:
 
 
 def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
-    """Record a line whose first stations are flooded; safe orders must have reached each."""
+    """Record a line whose first stations are flooded; safe orders must reach each of them."""
     names = [f"dde-{number}" for number in range(1, STATIONS + 1)]
     source = line(*("" for _ in names)).replace('family = "dde"', 'family = "dde"\nports = [1]')
     (folder / "source.toml").write_text(source)
@@ -121,9 +121,7 @@ def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
 
 
 def _recorded(folder: Path, case: Case) -> tuple[Path, float, float]:
-    """The run's folder, the moment at which its process had ended, and the most memory that it had,
-    in MB.
-    """
+    """Return the run's folder, the moment at which its process ended, and its peak memory in MB."""
     command = [
         sys.executable,
         "-c",
@@ -183,9 +181,7 @@ def sound(transport: str, rate: float, again: int = 0) -> Outcome:
 
 
 def look_at(case: Case, folder: Path) -> tuple[Outcome, Outcome]:
-    """Run it, and once more, with the run that it is held against, where the machine made others
-    late.
-    """
+    """Run the case; if the machine delayed others, run it and its reference run again."""
     for again in range(4):
         (folder / str(again)).mkdir()
         try:
@@ -207,7 +203,7 @@ def look_at(case: Case, folder: Path) -> tuple[Outcome, Outcome]:
 
 
 def assert_bounded(found: Outcome, flooders: int, *, is_flood: bool = True) -> None:
-    """It ended in time, each flood was told, and nothing else was."""
+    """The run ended in time and reported each flood, and nothing else."""
     assert found.over_s < ENDS_WITHIN_S
     assert found.flooded == flooders or (found.flooded < flooders and not is_flood)
     assert {
@@ -216,7 +212,9 @@ def assert_bounded(found: Outcome, flooders: int, *, is_flood: bool = True) -> N
 
 
 def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
-    """The first report: others 1.4 s late, 62 s instead of 15, the guard killed the recorder."""
+    """From the first report: others were 1.4 s late, it took 62 s instead of 15, the guard killed
+    the recorder.
+    """
     for again in range(3):
         (tmp_path / str(again)).mkdir()
         with suppress(TooBusy):
@@ -235,7 +233,7 @@ A_FLOOD: Final = 15_000.0
 
 
 def cases() -> Iterator[Case]:
-    """Each speed with each shape over each transport; rates, numbers and pieces in turn."""
+    """Yield each speed with each shape and transport; rates, numbers and pieces alternate."""
     turns = product((5.0, 1.0, 2.0), (1, 2, 3), (4096, 16, 64))
     others = list(turns)
     for number, (transport, speed, shape) in enumerate(product(("tcp", "pty"), SPEEDS, SHAPES)):
@@ -267,7 +265,7 @@ HEAD: Final = """\
 
 
 def _row(case: Case, found: Outcome, control: Outcome) -> str:
-    """Of the table; what differs is against the run without a flood."""
+    """Return a row of the table; differences are from the run without a flood."""
     speed = f"{case.bytes_per_s:g}" if case.bytes_per_s else "all that is taken"
     later, more = found.late_ms - control.late_ms, found.peak_mb - control.peak_mb
     told = f"{found.flooded} of {case.flooders}"

@@ -44,7 +44,7 @@ def kinds(follower: Follower) -> list[str]:
 
 
 def whole(place: Place, number: int) -> None:
-    """That many runs are there, and nothing that an interrupted publisher left."""
+    """Whether that many runs are there, and nothing of an interrupted publisher."""
     assert len(jbclog.open_runs(place.url)) == number
     found = check(place, timedelta(0))
     assert (found.findings, found.leftovers, found.runs) == ([], [], number)
@@ -73,8 +73,8 @@ def line_of(process: subprocess.Popen[str]) -> str:
 
 
 def test_a_server_that_stops_and_starts(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command says once that it is gone, once that it is back, publishes what was sealed
-    meanwhile, and ends by SIGTERM.
+    """The command reports once that it is gone and once that it is back, publishes the runs sealed
+    meanwhile, and ends on SIGTERM.
     """
     with serving() as server:
         for name, value in server.environment.items():
@@ -122,7 +122,7 @@ def follower(runs: Path, tmp_path: Path) -> Iterator[Follower]:
 
 
 def test_a_share_that_goes_and_comes_back(follower: Follower, runs: Path, tmp_path: Path) -> None:
-    """It is not made anew where it is not mounted; the pause grows to a minute and is short again
+    """It is not created where it is not mounted; the pause grows to a minute and is short again
     afterwards.
     """
     store = tmp_path / "store"
@@ -157,7 +157,7 @@ def test_the_folder_of_the_runs_goes_and_comes_back(
 
 
 def test_a_disk_that_is_full_for_a_while(runs: Path, tmp_path: Path) -> None:
-    """Many tries on a full disk fill it no further, and leave nothing."""
+    """Many tries on a full disk do not fill it further, and leave nothing."""
     with small_disk(tmp_path / "disk", "8m") as disk:
         place, filler = place_of(disk / "store"), disk / "filler"
         with Publisher(place) as one:
@@ -175,7 +175,7 @@ def test_a_disk_that_is_full_for_a_while(runs: Path, tmp_path: Path) -> None:
 def test_a_lease_that_cannot_be_renewed_ends_nothing(
     follower: Follower, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that was swept away is made anew; where the store is gone, nothing is."""
+    """A removed lease is created anew; if the store is gone, nothing is created."""
     monkeypatch.setattr(lease, "RENEWED_S", 0.0)
     place = place_of(tmp_path / "store")
     (before,) = leases(place)
@@ -228,7 +228,7 @@ def test_a_run_for_which_the_store_always_fails_blocks_no_other(
 def test_without_follow_a_store_that_goes_ends_it_with_one_line(
     runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Not with a line for each of the runs that are left."""
+    """Not with a line for each remaining run."""
     for number in (1, 2):
         one_run(runs, number)
     store, real = tmp_path / "store", Publisher.publish

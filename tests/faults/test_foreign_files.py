@@ -100,7 +100,7 @@ VERBS_OF_CRASHED = (
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of runs: a sealed one that stays as it is, one to be spoilt, one that crashed."""
+    """A folder of runs: a sealed one that stays intact, one to be altered, one that crashed."""
     out = tmp_path_factory.mktemp("kept") / "runs"
     for name in (GOOD, BAD):
         made = make_run(out / name, 8.0)
@@ -140,7 +140,7 @@ class Place:
 
 
 def spoilt(kept: Path, home: Path, path: str, made: Callable[[Path], None], of: str = BAD) -> Place:
-    """The folder of runs with that in place of a file; a bomb finds the file it stands for."""
+    """The folder of runs with that in place of a file; a bomb may use the file it replaces."""
     place = Place(kept, home, of)
     where = place.bad / path
     if made in SPECIAL.values():
@@ -152,8 +152,8 @@ def spoilt(kept: Path, home: Path, path: str, made: Callable[[Path], None], of: 
 
 
 def is_answer(place: Place, verb: str, ended: Ended) -> str | None:
-    """What is wrong with a verb's answer, None where nothing is; a folder of runs still gives the
-    good one.
+    """Return the fault of a command's answer, or None; for a folder of runs the good run must still
+    appear.
     """
     if ended.trouble:
         return ended.trouble
@@ -186,7 +186,7 @@ def forged_pairs() -> list[tuple[str, str, str]]:
 def tried(
     kept: Path, home: Path, pairs: Pairs, those: list[tuple[str, str, str]]
 ) -> tuple[dict[str, list[Ended]], list[str]]:
-    """All verbs for each; the answers by what stood there, and what was wrong with some."""
+    """Run all commands for each; return the answers by replacement, and the faults of some."""
     results: dict[str, list[Ended]] = defaultdict(list)
     wrong = []
     for path, kind, of in those:
@@ -215,7 +215,7 @@ def tried(
 
 
 def _slice(those: list[tuple[str, str, str]], part: str | None) -> list[tuple[str, str, str]]:
-    """A part of a campaign, ``1/4``, where JBCLOG_PART says so."""
+    """Return a part of a campaign, ``1/4``, if JBCLOG_PART asks for it."""
     if not part:
         return those
     number, parts = map(int, part.split("/"))
@@ -304,7 +304,7 @@ def test_one_bad_folder_is_a_finding_in_its_place(kept: Path, tmp_path: Path, pa
 def test_five_hundred_copies_of_one_run(
     kept: Path, tmp_path: Path, pairs: Pairs, counted: Callable[..., None]
 ) -> None:
-    """Of each some lines, in time, and errors that count once."""
+    """A few lines for each, in time, and errors that count once."""
     place = Place(kept, tmp_path / "home")
     for number in range(500):
         name = f"20260101T00{number // 60:02d}{number % 60:02d}Z-bench-aaaa"
@@ -339,7 +339,7 @@ REPLACED = {
 
 @contextmanager
 def replaced_without_end(path: Path, made: Callable[[Path], None]) -> Iterator[None]:
-    """Another program's doing: the file, and something else under its name, in turns."""
+    """Swap the file and another one under its name repeatedly, as another program might."""
     data, new, is_over = path.read_bytes(), path.parents[2] / "new", threading.Event()
 
     def replace() -> None:

@@ -46,7 +46,9 @@ def ended(pairs: Pairs, verb: str, store: Path, run: Path) -> Ended:
 
 
 def wrong(verb: str, bomb: tuple[str, str], found: Ended) -> str | None:
-    """What is wrong with an answer: with a bomb in what it needs it is a refusal of one line."""
+    """Return the fault of an answer; a command that needs the file with the bomb must refuse in one
+    line.
+    """
     if found.trouble:
         return found.trouble
     if verb in NEEDS.get(bomb, VERBS if bomb[0] == "runs" else ()):
@@ -113,14 +115,14 @@ OF_INDEXES = ("endless view", "a cell of 97 MiB", "wrong types")
 
 
 def slices(names: Iterable[str], always: Collection[str]) -> list[object]:
-    """Those in each run of the tests, the others in the campaign."""
+    """Return those of each test run; mark the others for the campaign."""
     marks = pytest.mark.campaign
     return [name if name in always else pytest.param(name, marks=marks) for name in names]
 
 
 @pytest.mark.parametrize("what", slices(BATCHES, OF_BATCHES))
 def test_a_batch_s_store(what: str, tmp_path: Path, pairs: Pairs) -> None:
-    """Nothing is started, and `watch` says what is wrong or what is known."""
+    """Nothing starts, and `watch` reports what is wrong or what is known."""
     folder = tmp_path / "20260101T000000Z"
     folder.mkdir()
     BATCHES[what](folder / "batch.sqlite")
@@ -132,7 +134,7 @@ def test_a_batch_s_store(what: str, tmp_path: Path, pairs: Pairs) -> None:
 
 @pytest.mark.parametrize("what", slices(INDEXES, OF_INDEXES))
 def test_an_index_of_runs(what: str, run: Path, pairs: Pairs) -> None:
-    """The answers are those without an index, and a bomb is gone."""
+    """The answers equal those without an index, and a bomb is removed."""
     place = blake2b(os.fsencode(os.path.realpath(run.parent)), digest_size=16).digest()
     pairs.index.parent.mkdir(exist_ok=True, mode=0o700)
     for verb in ("runs", "trend", "where-used"):
@@ -146,7 +148,7 @@ def test_an_index_of_runs(what: str, run: Path, pairs: Pairs) -> None:
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e308, -1e308])
 def test_forged_figures_with_a_right_check_sum(number: float, run: Path, pairs: Pairs) -> None:
-    """Whoever can write there is the user; what is said then may be false, and is an answer."""
+    """Only the user can write there; the figures may then be false, but there is an answer."""
     pairs.run(["trend", str(run.parent)])
     with closing(IndexFile(pairs.index)) as file:
         place = blake2b(os.fsencode(os.path.realpath(run.parent)), digest_size=16).digest()

@@ -70,8 +70,8 @@ MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
 
 @dataclass(frozen=True)
 class Target:
-    """One reader: its cases, what must hold of each, the CPU seconds that one may take, and how
-    many the slice tries.
+    """One reader: its cases, the rules for each, the CPU seconds one may take, and the number in
+    the slice.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Target:
     slice: int
 
     def tried(self, folder: Path, count: int, *, same: bool) -> int:
-        """Try `count` cases, behind those of the corpus; how many were tried."""
+        """Try `count` cases after those of the corpus; return the number tried."""
         done = 0
 
         def one(case: Any) -> None:
@@ -128,8 +128,8 @@ def _stream(name: str) -> st.SearchStrategy[bytes]:
 
 
 def _framed(stream: bytes, longest: int) -> Iterator[tuple[bytes, bytes]]:
-    """Every stretch from STX to ETX with nothing but printable characters between, and the two
-    bytes behind it.
+    """Every stretch from STX to ETX with only printable characters between, and the two bytes
+    behind it.
     """
     for start in (place for place, byte in enumerate(stream) if byte == 2):
         end = stream.find(b"\x03", start)
@@ -192,9 +192,7 @@ def _manifests() -> st.SearchStrategy[bytes]:
 
 
 def manifest(data: bytes, folder: Path) -> None:
-    """Read, listed and checked; a manifest that is not the recorder's own is never a run without a
-    finding.
-    """
+    """Read, list and check; a manifest that differs from the recorder's always has a finding."""
     folder, again = folder / "20260921T131320Z-bench-k7qd", folder / "again"
     shutil.rmtree(again, ignore_errors=True)
     folder.mkdir(exist_ok=True)
@@ -333,7 +331,7 @@ def _texts() -> st.SearchStrategy[bytes]:
 
 
 def capture_text(data: bytes, folder: Path) -> None:
-    """Lines of somebody who knows the check sums: rows, or a sentence."""
+    """Lines of somebody who knows the checksums: rows, or a sentence."""
     text = data.decode(errors="replace")
     half = text.find("\n", len(text) // 2) + 1
     head = zlib.crc32(text.split("\n")[1].encode() + b"\n") if text.count("\n") > 1 else 0
@@ -347,7 +345,7 @@ STORE_ROWS = 30
 
 
 def _abandoned(folder: Path, *, in_pages: bool) -> Path:
-    """A run that was cut off; made once for a folder."""
+    """A run that was cut off; made once per folder."""
     place = folder / f"whole-{in_pages}"
     if not place.exists():
         few_rows.abandoned(place, commits=3, rows=STORE_ROWS // 3, in_pages=in_pages)
@@ -368,8 +366,8 @@ def _copied(folder: Path, *, in_pages: bool = True) -> Path:
 
 
 def store(case: Any, folder: Path) -> None:
-    """Bytes altered, in the file or its log. What is left is what was handed over; what is missing
-    is told.
+    """Altered bytes in the file or its log: the remaining rows are as written, and each loss is
+    reported.
     """
     rng = Random(case[0])
     name = rng.choice(("live.sqlite", "live.sqlite", "live.sqlite-wal"))
@@ -403,8 +401,8 @@ def store(case: Any, folder: Path) -> None:
 
 
 def store_rows(case: Any, folder: Path) -> None:
-    """Rows of somebody who knows the check sums: sealed as they are, or left out; never another
-    error, and no row twice.
+    """Rows of somebody who knows the checksums: sealed unchanged, or left out; never another error,
+    and no row twice.
     """
     rng, run = Random(case[0]), _copied(folder)
     with closing(sqlite3.connect(run / "live.sqlite", isolation_level=None)) as database:

@@ -67,7 +67,7 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
 
 
 def recovered(folder: Path) -> Manifest:
-    """The manifest of a run that was cut off, and that `recover` and `check` agree about."""
+    """Return the manifest of a run that was cut off; `recover` and `check` agree about it."""
     recover(folder)
     assert check(folder) == []
     return read_manifest(folder)
@@ -79,12 +79,11 @@ def recovered(folder: Path) -> Manifest:
 def struck(
     line: ServedLine, out: Path, number: signal.Signals, is_time: Callable[[float], bool]
 ) -> tuple[float, bool]:
-    """Run, strike, look at the stations and at the record: how long telling took, and whether the
-    feeder was running.
+    """Run, strike, examine the stations and the record; return the seconds until the tools were
+    ordered to stand, and whether the feeder was running.
 
-    `is_time` is given the seconds since the first question. A recorder that is frozen before it has
-    written anything is left alone, because nothing is hot: so a freeze is counted from the first
-    write on.
+    `is_time` gets the seconds since the first question. The guard leaves a recorder alone that
+    froze before its first write, because nothing is hot; so a freeze counts from the first write.
     """
     questions, began = line.questions(), time.monotonic()
     run = begun(line, out)
@@ -119,7 +118,7 @@ def struck(
 def times(
     line: ServedLine, folder: Path, number: signal.Signals, seed: int, count: int, latest_s: float
 ) -> list[float]:
-    """Strike at random moments; how long telling took each time."""
+    """Strike at random moments; return the seconds of each order."""
     rng, told, fed = random.Random(seed), [], 0
     for trial in range(count):
         moment = latest_s * rng.random()
@@ -159,10 +158,8 @@ def test_every_tool_is_told_to_stand_two_hundred_times(
     line: ServedLine, tmp_path: Path, number: signal.Signals, counted: Callable[..., None]
 ) -> None:
     """``pytest -m campaign -n0 tests/faults/test_guard.py -k two_hundred``: some 25 minutes; the
-    last line has the figures.
-
-    Two hundred blows to a recorder that had put something to work; those that came earlier are
-    counted beside them.
+    last line has the figures. Two hundred strikes on a recorder that had put something to work;
+    earlier ones are counted separately.
     """
     told: list[float] = []
     while (hot := sorted(seconds for seconds in told if seconds)) == [] or len(hot) < BLOWS:
@@ -185,7 +182,9 @@ def ms(sorted_s: list[float], share: float) -> int:
 def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stand(
     tmp_path: Path,
 ) -> None:
-    """All are ordered, watched together, and told within three seconds of the first order."""
+    """All are ordered, watched together, and ordered to stand within three seconds of the first
+    order.
+    """
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line", FOUR_TOOLS, EXTRACTING) as line:
         run = begun(line, tmp_path / "runs")
@@ -274,7 +273,7 @@ def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
 def assert_left_alone(
     line: ServedLine, run: subprocess.Popen[str], out: Path, since: float
 ) -> None:
-    """No take-over so far, and none until the run has been ended in good order."""
+    """The guard has not taken over, and does not until the run has ended in order."""
     assert [order for order in line.orders(since) if order.is_safe] == []
     run.terminate()
     notes = ended(run)
@@ -287,7 +286,7 @@ def assert_left_alone(
 
 @contextmanager
 def busy() -> Iterator[None]:
-    """Four processes for each processor that this one may use, which want it all the time."""
+    """Run four processes per available processor that use it all the time."""
     count = 4 * len(os.sched_getaffinity(0))
     spinning = [
         subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(count)
@@ -305,7 +304,9 @@ def busy() -> Iterator[None]:
 def test_a_machine_with_four_times_the_work_and_a_stalling_disk_is_no_reason(
     line: ServedLine, tmp_path: Path, counted: Callable[..., None]
 ) -> None:
-    """Both together, a minute; `test_watch.py` has a hundred hours of jitter on a virtual clock."""
+    """Both together, for a minute; `test_watch.py` has a hundred hours of jitter on a virtual
+    clock.
+    """
     with slow_run(line, tmp_path, BUSY_S) as run:
         now = time.monotonic()
         with busy():
@@ -318,7 +319,9 @@ def test_a_machine_with_four_times_the_work_and_a_stalling_disk_is_no_reason(
 
 @pytest.fixture
 def _on_one_processor() -> Iterator[None]:
-    """Whatever this thread starts: it makes a machine busy in half of the time of two."""
+    """Keep everything that this thread starts on one processor, which makes a machine busy in half
+    the time of two.
+    """
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(before)})
     yield
@@ -374,7 +377,7 @@ def test_a_disk_that_stalls_is_no_reason(line: ServedLine, tmp_path: Path) -> No
 
 @contextmanager
 def slow_run(line: ServedLine, out: Path, seconds: float) -> Iterator[subprocess.Popen[str]]:
-    """A run that has put all tools to work, on a disk whose syncs take 1.5 s for so long."""
+    """A run that has put all tools to work, on a disk whose syncs take 1.5 s for that long."""
     command = [
         *program("faults.slow_disk"),
         seconds,
@@ -419,8 +422,8 @@ def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(
 def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(
     line: ServedLine, tmp_path: Path
 ) -> None:
-    """The one that stood still is killed, so that it does nothing when it is let go on; the next
-    one saves as well.
+    """The stopped guard is killed, so that it does nothing when resumed; the next one protects the
+    tools as well.
     """
     began = time.monotonic()
     with running(line, tmp_path) as run:

@@ -66,7 +66,7 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
 
 @dataclass
 class Run:
-    """One run of one or more stations of the line, in a process of its own."""
+    """One run of one or more stations of the line, in its own process."""
 
     line: ServedLine
     out: Path
@@ -89,7 +89,7 @@ class Run:
         return is_sampling(self.out)
 
     def has(self, kind: str, times: int = 1) -> bool:
-        """Whether its record has committed such an event so often."""
+        """Whether its record has committed that many such events."""
         return list(open_run(self.folder).events()["kind"]).count(kind) >= times
 
     def events(self, kind: str) -> pd.DataFrame:
@@ -97,7 +97,7 @@ class Run:
         return events[events["kind"] == kind]
 
     def end(self, number: signal.Signals | None = signal.SIGTERM) -> int:
-        """End it, and wait until it has ended."""
+        """End it and wait for it."""
         if number is not None:
             self.process.send_signal(number)
         if self.process.stderr is not None:
@@ -105,29 +105,29 @@ class Run:
         return self.process.wait(ENDS_S)
 
     def wrong(self) -> list[str]:
-        """What does not hold of its record (I1 to I9), and of its stations."""
+        """Return violations of its record (I1 to I9) and of its stations."""
         heard = heard_in(self.line.log or Path(), self.heard_from)
         wires = {name: heard.get(name, []) for name in self.stations}
         ended = Ended(self.process.returncode, self.said) if self.said else None
         return [*violations(self.folder, wires, ended=ended), *self.hot()]
 
     def orders(self) -> list[Order]:
-        """What it has written."""
+        """Return its writes."""
         return [order for order in self.line.orders(self.began) if order.station in self.stations]
 
     def has_asked(self) -> bool:
         return (self.line.log or Path()).stat().st_size > self.heard_from
 
     def is_at_its_end(self) -> bool:
-        """Whether all of its tools have been told to rest, after work."""
+        """Whether all of its tools have been ordered to rest, after work."""
         last = {
             (order.station, order.port): order.is_stand for order in self.orders() if order.port
         }
         return len({station for station, _ in last}) == len(self.stations) and all(last.values())
 
     def hot(self) -> list[str]:
-        """Tools and feeders that are still at work, and tools whose last order was another than
-        their safe state.
+        """Return tools and feeders that still work, and tools whose last order was not their safe
+        state.
         """
         found = [
             f"{name}: the feeder runs"
@@ -156,7 +156,7 @@ def _as_from_a_terminal() -> None:
 
 
 class Start:
-    """Starts runs of the line, each below a folder of its own; ends all that are left."""
+    """Starts runs of the line, each below its own folder; ends all that are left."""
 
     def __init__(self, line: ServedLine, folder: Path) -> None:
         self._line = line
@@ -215,7 +215,7 @@ def start(line: ServedLine, tmp_path: Path) -> Iterator[Start]:
 
 @dataclass
 class Clocks:
-    """Four runs at a time, each with another trouble; all have ended."""
+    """Four runs at a time, each with a different trouble; all have ended."""
 
     stepped: Run
     slept: Run
@@ -290,7 +290,7 @@ def test_a_machine_that_slept_is_one_event_no_step_of_the_clock_and_no_rows(cloc
 
 
 def _far_from_grid(run: Run) -> list[int]:
-    """The ticks of rows whose time is not that of their tick."""
+    """Return the ticks of rows whose time differs from that of their tick."""
     samples, manifest = pd.read_parquet(run.folder / "samples"), run.manifest
     due = (manifest.t0_utc or 0.0) + samples["tick"] * (manifest.stations[0].period_s or 0.0)
     return list(samples["tick"][(samples["time"].astype("int64") / 1e6 - due).abs() > SOON_S])
@@ -339,7 +339,7 @@ STATES: dict[str, Callable[[Run], bool]] = {
 
 
 def struck(start: Start, rng: random.Random, state: str) -> int:
-    """A run of two stations that gets up to three signals from `state` on; its exit code."""
+    """Send a run of two stations up to three signals from `state` on; return its exit code."""
     is_over = state in ("making safe", "sealing")
     run = start("dde-1", "ale-1", start_new_session=True, duration="0.5s" if is_over else "3h")
     numbers, all_of_them = rng.choices(ENDING, k=rng.randrange(1, 4)), rng.random() < 0.5
@@ -387,7 +387,7 @@ def test_signals_in_each_state_twenty_five_times(
 def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(
     start: Start, tmp_path: Path
 ) -> None:
-    """That can take seconds, before this run's record is begun."""
+    """Making old tools safe can take seconds, before this run's record begins."""
     there = tmp_path / "there"
     slow = (
         "import time, pathlib, jbclog.app.run.recorder as c; old = c.settle; there ="
@@ -420,8 +420,8 @@ def test_a_run_that_was_started_with_nohup_outlives_its_terminal(start: Start) -
 
 
 def recovered_under(folder: Path, numbers: list[signal.Signals], moments: list[float]) -> int:
-    """`recover` on a run that was cut off, ended by these signals; then again, to its end. Gives
-    the first one's exit code.
+    """Run `recover` on a run that was cut off and end it with these signals; then run it to its
+    end. Returns the first exit code.
     """
     run = few_rows.abandoned(folder, commits=6, rows=2000)
     process = subprocess.Popen(
@@ -478,7 +478,7 @@ class Unread:
 
 @pytest.fixture(scope="module")
 def unread(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Unread]:
-    """Four runs whose notes nobody reads, each for another reason; all were told to end."""
+    """Four runs whose output nobody reads, each for another reason; all were asked to end."""
     starting = Start(line, tmp_path_factory.mktemp("unread"))
     terminal, slave = pty.openpty()
     reading, writing = full_pipe()
@@ -549,8 +549,8 @@ def test_safe_does_not_wait_for_a_reader_either(start: Start) -> None:
 
 
 def german(folder: Path) -> dict[str, str]:
-    """An environment with commas in numbers, where the system can make one; an odd zone, and no
-    home to write to.
+    """An environment with commas in numbers, if the system has one; an odd time zone, and no
+    writable home.
     """
     made = folder / "de_DE.UTF-8"
     if shutil.which("localedef"):
@@ -567,7 +567,7 @@ def german(folder: Path) -> dict[str, str]:
 
 @pytest.mark.campaign
 def test_neither_locale_nor_zone_nor_home_changes_a_digit(clocks: Clocks, tmp_path: Path) -> None:
-    """Of a run and of a report: the same bytes in C without a home, and with commas in Madrid."""
+    """In a run and in a report: the same bytes in C without a home, and with commas in Madrid."""
     pages = []
     for number, environment in enumerate(({"LC_ALL": "C", "HOME": "/nowhere"}, german(tmp_path))):
         copy = tmp_path / str(number) / clocks.summer.folder.name
@@ -591,7 +591,7 @@ def test_neither_locale_nor_zone_nor_home_changes_a_digit(clocks: Clocks, tmp_pa
 
 
 def race(start: Start, apart_s: float) -> str:
-    """Two recorders on one port, started so far apart: one records, the other says who does."""
+    """Start two recorders on one port, that far apart: one records, the other names it."""
     runs = [start("ucr-1", duration="2s")]
     time.sleep(apart_s)
     runs.append(start("ucr-1", duration="2s"))
@@ -624,7 +624,7 @@ def test_two_recorders_fifty_times(start: Start, counted: Callable[..., None]) -
 def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothing_into_the_record(
     start: Start,
 ) -> None:
-    """It reads what was meant for the run: answers are lost, none is made up."""
+    """It takes bytes meant for the run: answers are lost, none is invented."""
     soon = (
         "import jbclog.app.run.recorder as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import"
         " main; main()"

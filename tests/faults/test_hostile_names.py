@@ -45,7 +45,7 @@ every_text = pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 
 
 def every_text_in(*places: str) -> Callable[[Callable[[str, str], None]], Callable[[], None]]:
-    """In each of these places."""
+    """Parametrize with every text in each of these places."""
     return each_row(
         (f"{place}, {name}", (place, text)) for place in places for name, text in HOSTILE.items()
     )
@@ -75,12 +75,12 @@ required = [{required}]
 
 
 def quoted(text: str) -> str:
-    """As a TOML string."""
+    """Quote as a TOML string."""
     return json.dumps(text)
 
 
 def tree(folder: Path) -> dict[str, bytes | None]:
-    """Every file below a folder, so that one more or one changed shows."""
+    """Return every file below a folder, to show additions and changes."""
     paths = sorted(folder.rglob("*"))
     return {
         str(path): path.read_bytes() if path.is_file() and not path.is_symlink() else None
@@ -92,7 +92,7 @@ def tree(folder: Path) -> dict[str, bytes | None]:
 
 
 def told(read: Callable[[str, Path], object], text: str) -> str | None:
-    """What is wrong with a file, or None."""
+    """Return what is wrong with a file, or None."""
     try:
         read(text, Path("x.toml"))
     except Problems as problems:
@@ -124,7 +124,7 @@ def test_names_in_a_recipe(place: str, text: str) -> None:
 
 @every_text
 def test_urls_of_ports(tmp_path: Path, text: str) -> None:
-    """One that is taken is shown, not obeyed: `plan` sends nothing, and makes nothing."""
+    """An accepted URL is shown, not used: `plan` sends nothing and creates nothing."""
     (tmp_path / "line.toml").write_text(
         LINE.format(line='"bench"', station='"dde-1"', url=quoted(text))
     )
@@ -169,7 +169,7 @@ VERBS = ("check", "report", "recover", "annotate", "replay", "sim", "scan", "saf
 
 
 def pairs(places: Sequence[str], *, whole: bool) -> Iterator[tuple[str, str]]:
-    """Every text in every place, or each text in one of them, in turn."""
+    """Yield every text in every place, or each text in one place, in turn."""
     return (
         product(places, HOSTILE.values())
         if whole
@@ -234,9 +234,7 @@ def test_what_is_said_of_a_run_later(sealed: Path, tmp_path: Path) -> None:
 
 
 class Liar:
-    """A virtual station whose model, software and refusals are what the test wants; check bytes are
-    right.
-    """
+    """A virtual station with the test's model, software and refusals; check bytes are right."""
 
     def __init__(self, station: VirtualStation, model: str | None, software: str) -> None:
         self._station, self._model, self._software = station, model, software
@@ -290,7 +288,7 @@ def hostile_run(
 
 
 def shown(run: Path, *verbs: str) -> list[str]:
-    """What verbs that look at runs print of this one, for people and as JSON."""
+    """Return what commands that read runs print of this one, for people and as JSON."""
     told = []
     for verb in verbs or (
         "report",
@@ -343,7 +341,9 @@ def copied(run: Path, tmp_path: Path) -> Path:
 
 
 def replaced(value: object, texts: Iterator[str], keep: Sequence[str]) -> object:
-    """Every text of a document, names of keys and what stands below those of `keep` apart."""
+    """Replace every text of a document, except names of keys and everything below the keys in
+    `keep`.
+    """
     if isinstance(value, dict):
         return {
             key: one if key in keep else replaced(one, texts, keep) for key, one in value.items()
@@ -354,8 +354,8 @@ def replaced(value: object, texts: Iterator[str], keep: Sequence[str]) -> object
 
 
 def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more: object) -> str:
-    """The run's, with another hostile text in each place, beginning with one of them; its digest is
-    right.
+    """Return the run's manifest with another hostile text in each place, starting with one of them;
+    its digest is right.
     """
     texts = islice(cycle(HOSTILE.values()), first, None)
     document = replaced(
@@ -374,7 +374,7 @@ KEPT = ("files", "started", "ended")
 
 
 def is_taken(run: Path) -> bool:
-    """Whether a reader takes the manifest: not with a station's name of 5000 letters."""
+    """Whether a reader accepts the manifest; a station's name of 5000 letters is too long."""
     stations = json.loads((run / NAME).read_text("utf-8"))["stations"]
     return all(len(one["name"]) <= LONGEST_NAME for one in stations)
 
@@ -444,7 +444,7 @@ def test_lines_of_a_foreign_run_s_other_files(sealed: Path, tmp_path: Path, name
 
 @every_text
 def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: str) -> None:
-    """`recover` writes, and only into the folder that it was given."""
+    """`recover` writes only into the folder that it was given."""
     run = copied(sealed, tmp_path)
     (run / NAME).write_text(
         foreign_manifest(run, [*HOSTILE.values()].index(text), state="open", files=[])
@@ -483,9 +483,7 @@ def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: 
 def test_a_link_in_a_run_s_folder_is_not_written_through(
     sealed: Path, tmp_path: Path, name: str
 ) -> None:
-    """A run that was copied from elsewhere may hold a link; whatever works on the run leaves its
-    target as it is.
-    """
+    """A run copied from elsewhere may contain a link; no command changes the link's target."""
     run, target = copied(sealed, tmp_path), tmp_path / "target"
     if name in ("figures", "damaged"):
         target.mkdir()

@@ -22,7 +22,7 @@ SCENARIOS = sorted(crash.SCENARIOS)
 
 
 def killed(tmp_path: Path, *arguments: str) -> list[Any]:
-    """What was left after each kill, and what else the program says in between."""
+    """Yield what was left after each kill, and what else the program reports in between."""
     command = program("faults.crash", arguments[0], tmp_path, *arguments[1:])
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -30,8 +30,8 @@ def killed(tmp_path: Path, *arguments: str) -> list[Any]:
 
 
 def assert_whole(left: dict[str, object], rows: int | None) -> None:
-    """Every acknowledged row once and in order, a chain that holds, a check without findings, a
-    second recovery idle.
+    """Every acknowledged row once and in order, an intact chain, a check without findings, and a
+    second recovery without work.
     """
     assert "error" not in left, left
     numbers, events = left["numbers"], left["events"]
@@ -59,8 +59,8 @@ def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
 def slices(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> dict[tuple[str, bool], list[dict[str, object]]]:
-    """What was left after kills at some steps, by scenario and whether the power went, too; of one
-    program.
+    """What was left after kills at some steps, by scenario and whether the power failed, too; of
+    one program.
     """
     found: dict[tuple[str, bool], list[dict[str, object]]] = {}
     for line in killed(tmp_path_factory.mktemp("slices"), "slice", "3", "23"):

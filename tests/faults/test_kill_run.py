@@ -53,7 +53,7 @@ PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
 
 @dataclass
 class Series:
-    """Runs on one line into one folder, each killed and looked at."""
+    """Runs on one line into one folder, each killed and examined."""
 
     line: ServedLine
     home: Path
@@ -162,7 +162,7 @@ def at_random(
 
 @dataclass
 class _Moment:
-    """So many seconds after the start of the program, or after the first question to a station."""
+    """A time after the start of the program, or after the first question to a station."""
 
     line: ServedLine
     phase: str
@@ -181,8 +181,8 @@ class _Moment:
 
 
 def at_steps(series: Series, first: int, stride: int, last: int = 10_000) -> int:
-    """Kill it before its step FIRST, FIRST + STRIDE ..., until it ends by itself; how often it was
-    killed.
+    """Kill it before its step FIRST, FIRST + STRIDE ..., until it ends by itself; return the number
+    of kills.
     """
     kills = 0
     for step in range(first, last, stride):
@@ -211,7 +211,7 @@ def test_killed_at_a_step(series: Series) -> None:
 
 @pytest.mark.campaign
 def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
-    """The recorder says so and leaves the record as it is; a recovery seals all of it."""
+    """The recorder reports it and leaves the record unchanged; a recovery seals all of it."""
     assert series.line.log is not None
     begin = series.line.log.stat().st_size
     run = subprocess.Popen(
@@ -232,7 +232,7 @@ def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
 
 
 def _kill_child(parent: int, name: bytes) -> bool:
-    """Kill the child of `parent` in whose command line `name` stands; whether there was one."""
+    """Kill the child of `parent` with `name` in its command line; return whether there was one."""
     with suppress(OSError):
         for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
             if name in Path(f"/proc/{child}/cmdline").read_bytes():
@@ -245,9 +245,7 @@ def _kill_child(parent: int, name: bytes) -> bool:
 def cut_off(
     line: ServedLine, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, killed_run.Rows]:
-    """The folder of a run that was killed while it sampled, and the rows that a recovery makes of
-    it.
-    """
+    """The folder of a run killed while it sampled, and the rows that a recovery makes of it."""
     home = tmp_path_factory.mktemp("cut-off")
     series = Series(line, home)
     death = killed([*series.command(), "--capture"], series.out, _Moment(line, "questions", 2.5))
@@ -260,8 +258,8 @@ def cut_off(
 def recover_killed(
     cut_off: tuple[Path, killed_run.Rows], home: Path, first: int, stride: int, last: int = 10_000
 ) -> int:
-    """Kill `jbclog recover` before its step FIRST, FIRST + STRIDE ..., and recover again; how often
-    it was killed.
+    """Kill `jbclog recover` before its step FIRST, FIRST + STRIDE ..., and recover again; return
+    the number of kills.
     """
     base, expected = cut_off
     kills = 0

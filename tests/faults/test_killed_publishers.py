@@ -46,8 +46,8 @@ def there(place: Place) -> dict[str, int]:
 
 
 def killed(run: Path, place: Place, *deaths: tuple[int, str]) -> None:
-    """Publish with one process for each death, all at once; each is killed, or finds the run
-    published by the other.
+    """Publish with one process for each death, all at once; each is killed, or finds that the other
+    has published the run.
     """
     Publisher(place).__exit__()  # makes the tables: their creation is no commit of a publication
     for one in [start(run, Path(place.url), number, when) for number, when in deaths]:
@@ -59,8 +59,8 @@ def killed(run: Path, place: Place, *deaths: tuple[int, str]) -> None:
 
 
 def in_the_end(run: Path, place: Place) -> None:
-    """Whoever publishes next finds the run, or publishes it; then there is one copy, and nothing is
-    left of others.
+    """The next publisher finds the run or publishes it; then there is one copy, and nothing is left
+    of others.
     """
     with Publisher(place) as last:
         assert last.publish(run).result in (Result.PUBLISHED, Result.THERE)
@@ -101,8 +101,8 @@ def test_two_are_killed(run: Path, tmp_path: Path, counted: Callable[..., None])
 
 
 def test_what_is_younger_stays(run: Path, tmp_path: Path) -> None:
-    """A publisher may be slow: its rows stay for a day unless somebody asks for less; they are no
-    run.
+    """A publisher may be slow: its rows stay for a day unless somebody asks for less; they do not
+    count as a run.
     """
     place = place_of(tmp_path / "store")
     killed(run, place, (COMMITS, "before"))

@@ -41,7 +41,7 @@ def rows(count: int, size: int = 4) -> str:
 
 @pytest.mark.parametrize("kind", ["one member of lines", "blocks of lines"])
 def test_a_bomb_is_one_line_and_no_lines(tmp_path: Path, kind: str) -> None:
-    """It took recover 44 s, and 90 million lines were sealed."""
+    """Without limits `recover` took 44 s and sealed 90 million lines."""
     folder = crashed_run(tmp_path, small_batches([1, 2, 3]))
     path = wire_path(folder, "a")
     if kind == "one member of lines":
@@ -110,7 +110,7 @@ def test_a_member_that_unpacks_to_much_is_refused_on_the_way(
 
 
 def test_a_flooded_link_is_read(tmp_path: Path) -> None:
-    """The same frame again and again packs to a hundredth."""
+    """A repeated frame packs to a hundredth."""
     path = wire_path(tmp_path, "a")
     block_file(path, [rows(5000, 1024)] * 2)
     assert path.stat().st_size * 50 < 2 * 5000 * 2048
@@ -121,8 +121,8 @@ def test_a_flooded_link_is_read(tmp_path: Path) -> None:
 def test_heads_that_no_recorder_writes_cost_no_more_than_their_bytes(
     tmp_path: Path, bomb: Callable[[Path], None]
 ) -> None:
-    """Each of 100 000 heads had the rest of the file unpacked, and each of ten million beginnings
-    was read by itself. The first block counts, and nothing is cut off.
+    """Each of 100 000 heads once unpacked the rest of the file, and each of ten million beginnings
+    was read separately. The first block counts, and nothing is cut off.
     """
     path = wire_path(tmp_path, "a")
     block_file(path, [rows(3)])
@@ -140,7 +140,7 @@ def test_heads_that_no_recorder_writes_cost_no_more_than_their_bytes(
 
 
 def test_a_capture_whose_blocks_are_all_damaged_is_searched_to_its_end(tmp_path: Path) -> None:
-    """The heads are right and what follows is not: the limits are not those of a genuine file."""
+    """The heads are right, the rest is not: the limits are not those of a genuine file."""
     path = wire_path(tmp_path, "a")
     block_file(path, [f"{number}.0\theard\t00\n" for number in range(12_000)])
     data, heads = path.read_bytes(), path.read_bytes().split(FIXED)
@@ -154,7 +154,7 @@ def test_a_capture_whose_blocks_are_all_damaged_is_searched_to_its_end(tmp_path:
 
 
 def test_of_many_losses_the_first_are_told(tmp_path: Path) -> None:
-    """A byte behind each block: 80 000 sentences for 5 MB, in what `recover` says of the run."""
+    """A byte behind each block: 80 000 sentences for 5 MB in what `recover` prints."""
     path = wire_path(tmp_path, "a")
     block_file(path, [f"{number}.0\theard\t00\n" for number in range(300)])
     begin, *blocks_of = path.read_bytes().split(FIXED)

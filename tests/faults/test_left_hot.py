@@ -71,13 +71,13 @@ def left_hot(line: ServedLine, tmp_path: Path) -> Path:
 
 
 def was_read(folder: Path) -> int:
-    """How many tools have a temperature in what is kept so far of a run that goes on."""
+    """Return the number of tools with a temperature in the stored rows of a run in progress."""
     samples = open_run(folder).samples().dropna(subset="temperature_c")
     return int((samples.groupby(["station", "port"])["temperature_c"].max() >= HOT_C).sum())
 
 
 def annotated(folder: Path) -> list[tuple[str, str]]:
-    """Who said what kind of thing of a sealed run."""
+    """Return author and kind of each annotation of a sealed run."""
     return sorted({(said.who, said.kind) for said in read(folder).said})
 
 

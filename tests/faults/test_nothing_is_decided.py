@@ -41,9 +41,7 @@ QUESTIONS = [(family, question) for family in BENCHES for question in asked(fami
 
 
 def wrong(family: str, question: str, place: int, which: int) -> tuple[int, list[str]]:
-    """Live through a run with this answer spoilt: how many were (0 or 1), and what was decided by
-    it.
-    """
+    """Play a run with this answer corrupted; return how many were (0 or 1), and what it decided."""
     run, spoiler = spoilt(family, question, place, which)
     return spoiler.spoilt, [
         f"{family}, {question}, asking {place}, corruption {which}: {one}"
@@ -80,8 +78,8 @@ def test_the_run_on_a_clean_line_is_a_whole_one(family: str) -> None:
 
 
 def some(family: str, question: str) -> list[int]:
-    """A third of the places of a question on a DDE and on an OMEGA; of the others, which ask most
-    of it alike, one, by turns.
+    """A third of the places of a question on a DDE and on an OMEGA; one of each other family, in
+    turn, because they ask most questions alike.
     """
     found = places(family, question)
     begin = sum(question.encode("ascii"))
@@ -104,7 +102,7 @@ def test_a_wrong_answer_decides_nothing(family: str, question: str) -> None:
 
 
 def _choices(family: str, question: str) -> int:
-    """How many corruptions pass; none do where only one value can be read."""
+    """Return the number of corruptions that pass; none if only one value can be read."""
     return len(corruptions(family, question, clean(family)[1].first[question]))
 
 

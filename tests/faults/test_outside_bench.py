@@ -29,12 +29,12 @@ HEATS = re.compile(r"W(ST\d|S\d\d|PS\d000[^0]0|PS\d00000|SF1|SE1|WM1|A\d\d)")
 
 
 def ordered(one: Cable) -> list[str]:
-    """Writes that the station took in, whether it carried them out or not."""
+    """Return writes that the station received, whether it carried them out or not."""
     return [f"W{write.code}{write.data}" for write in one.written]
 
 
 def is_hot(one: Cable) -> bool:
-    """Whether it was left in a state that heats for good."""
+    """Whether it was left in a state that keeps heating."""
     if one.station.family == "jtse":
         return one.station.read("PS1", one.rows[-1].at)[-2:] == "01"  # type: ignore[index]  # it is known
     return any(
@@ -43,7 +43,7 @@ def is_hot(one: Cable) -> bool:
 
 
 def silent_from(one: Cable, question: str) -> None:
-    """It answers nothing any more once it is asked that."""
+    """Make the station silent from that question on."""
     fallen: list[bool] = []
 
     def is_silent(text: str) -> bool:
@@ -63,7 +63,7 @@ def assert_true(outcome: Outcome, number: object) -> None:
 
 
 def test_the_bench_is_sound() -> None:
-    """On good wires everything starts, is recorded as it was said, and rests in the end."""
+    """On good links everything starts, is recorded as sent, and rests at the end."""
     outcome = virtual(eight(0, 0.0))
     assert outcome.not_started == {}
     assert_true(outcome, 0)
@@ -73,7 +73,7 @@ def test_the_bench_is_sound() -> None:
 
 
 def test_a_false_value_is_found() -> None:
-    """The bench would notice: one cell that its station never said."""
+    """The bench would notice one cell that its station never sent."""
     outcome = virtual({"dde": cable("dde", 1)})
     outcome.memory.samples[3][8] = 999
     outcome.cables["dde"].station.ports[1].selected = 345
@@ -84,7 +84,7 @@ def test_a_false_value_is_found() -> None:
 
 
 def test_a_station_that_is_busy_for_a_moment_starts() -> None:
-    """3 s before one answer, at one place of the start after the other; what is asked meanwhile is
+    """3 s before one answer, at each place of the start in turn; questions asked meanwhile are
     answered later.
     """
     for number in (3, 14, 25, 40, 60, 75):
@@ -192,8 +192,8 @@ def test_starts_by_the_command_line_on_real_ports(
     ("for_s", "family"), [(0.6, "nae"), (1.0, "dde"), (1.5, "hde"), (1.0, "jtse"), (60.0, "dde")]
 )
 def test_one_that_is_late_as_the_run_ends_gets_its_chance(for_s: float, family: str) -> None:
-    """It is waited for for a few seconds, found again, and its outage counts; one that stays silent
-    is gone.
+    """The run waits a few seconds for it, finds it again, and counts its outage; one that stays
+    silent is gone.
     """
     begun_at = virtual({family: cable(family, 1)}, duration_s=5.0).memory.samples[0][COLUMN["time"]]
     one = cable(family, 1)

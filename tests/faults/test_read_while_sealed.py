@@ -75,9 +75,7 @@ def test_the_steps_of_sealing_are_those_that_can_be_seen(sealing_steps: list[str
 
 
 def sealed_meanwhile(closed: Path, home: Path, step: str, until: int | None) -> None:
-    """As far as a step of sealing (None: to its end), after which the process that seals may have
-    died, too.
-    """
+    """Seal up to a step (None: to the end), after which the sealing process may have died, too."""
     folder = Path(shutil.copytree(closed, home / f"{until}" / closed.name))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -94,9 +92,7 @@ def sealed_meanwhile(closed: Path, home: Path, step: str, until: int | None) -> 
 def test_it_may_be_sealed_at_a_step_of_a_reader(
     closed: Path, sealing_steps: list[str], tmp_path: Path, step: str
 ) -> None:
-    """Wholly, and as far as every third step of sealing: each of them at every third step of a
-    reader.
-    """
+    """Completely, and up to every third step of sealing, at every third step of a reader."""
     for until in (*range(READING.index(step) % 3, len(sealing_steps), 3), None):
         sealed_meanwhile(closed, tmp_path, step, until)
 
@@ -123,8 +119,8 @@ def test_what_is_known_of_its_stations_is_not_lost_either(
 def test_a_reader_leaves_nothing_in_a_run_that_is_sealed_meanwhile(
     closed: Path, tmp_path: Path
 ) -> None:
-    """SQLite makes a log and an index for a reader, too, and `check` would say that they are left
-    of the time before.
+    """SQLite makes a log and an index for a reader, too, and `check` would report them as
+    leftovers.
     """
     folder = Path(shutil.copytree(closed, tmp_path / closed.name))
 

@@ -42,7 +42,7 @@ GOING_ON = RECIPE + 'on_difference = "continue"\n'
 
 
 def sixteen(way: str = "") -> str:
-    """The line; the ninth station hangs this way, if any."""
+    """Return the line; the ninth station hangs this way, if any."""
     return line(
         *(
             WAYS[way] if way and f"dde-{number}" == HANGS else ""
@@ -70,7 +70,7 @@ def kept(run: VirtualRun) -> Kept:
 
 
 def moved_ms(sound: Kept, hung: Kept) -> dict[str, float]:
-    """By how much the lateness of each other station moved, in ms."""
+    """Return the change in lateness of each other station, in ms."""
     others = [facts.name for facts in sound.facts if facts.name != HANGS]
     return {name: 1000 * (lateness(hung, name) - lateness(sound, name)) for name in others}
 
@@ -85,7 +85,7 @@ def test_one_of_sixteen_hangs_and_no_other_is_later(way: str) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_the_others_record_the_same_to_the_value(way: str) -> None:
-    """The same run, same seed: not one of their rows is another."""
+    """The same run, same seed: none of their rows differs."""
     sound, hung = (kept(virtual(one)) for one in ("", way))
     for facts in sound.facts:
         if facts.name != HANGS:
@@ -96,7 +96,7 @@ def test_the_others_record_the_same_to_the_value(way: str) -> None:
 
 
 def recorded(folder: Path, way: str) -> Kept:
-    """What `jbclog run` records of the line."""
+    """Return the record of the line by `jbclog run`."""
     folder.mkdir(parents=True)
     (folder / "line.toml").write_text(sixteen(way))
     (folder / "recipe.toml").write_text(GOING_ON)
@@ -137,8 +137,8 @@ def recorded(folder: Path, way: str) -> Kept:
 def test_one_of_sixteen_hangs_on_real_terminals(
     way: str, tmp_path: Path, counted: Callable[..., None]
 ) -> None:
-    """The least of a few, of each station: what else the machine does is not what is asked. It
-    wants one that has little to do.
+    """The minimum of a few, for each station, because other load on the machine is not the
+    question. Needs a machine with little load.
     """
     sound = [recorded(tmp_path / f"sound-{pair}", "") for pair in range(PAIRS)]
     hung = [recorded(tmp_path / f"hung-{pair}", way) for pair in range(PAIRS)]

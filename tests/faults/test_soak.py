@@ -48,7 +48,7 @@ def test_some_seconds_of_it(tmp_path: Path) -> None:
 
 
 def test_every_kind_of_fault_has_its_turn(tmp_path: Path) -> None:
-    """An hour's faults, of every kind that each station knows, each with calm before the next."""
+    """The faults of an hour: every kind that each station supports, each followed by calm."""
     soak = Soak(tmp_path, 3600.0, STATIONS, 1)
     for name, history in soak.histories.items():
         kinds = set(kinds_of(soak.families[name]))

@@ -119,7 +119,7 @@ def test_one_refusal_ends_no_thread_of_the_guard_and_leaves_none_waiting(
 
 
 def test_the_library_refuses_what_it_is_asked_to(tmp_path: Path, starving_library: Path) -> None:
-    """A program that asks for a thousand objects gets all but one."""
+    """A program that requests a thousand objects gets all but one."""
     code = (
         "import mmap, os, struct, sys; f = open(f'{sys.argv[1]}/{os.getpid()}', 'r+b'); m ="
         " mmap.mmap(f.fileno(), 32)\n"

@@ -37,12 +37,12 @@ Act = Callable[[VirtualRun], object]
 
 
 def away(at_s: float = 10.0, for_s: float = 3.0) -> str:
-    """The cable is out."""
+    """Unplug the cable."""
     return fault("dropout", at_s=at_s, for_s=for_s)
 
 
 def hours(number: int) -> str:
-    """A station that is so old."""
+    """Set the age of a station."""
     return f"counters = {{plugged_hours = {number}}}\n"
 
 
@@ -56,7 +56,7 @@ def station(run: VirtualRun, number: int = 1) -> VirtualStation:
 
 
 def swap_cables(run: VirtualRun) -> None:
-    """What was at the end of one is at the end of the other."""
+    """Exchange the stations of two cables."""
     one, two = run.taps["dde-1"], run.taps["dde-2"]
     one._station, two._station = two._station, one._station
 
@@ -66,7 +66,7 @@ def robot_mode(on: bool) -> Act:
 
 
 def setting(name: str, value: object) -> Act:
-    """Somebody changes a setting of port 1 at the panel."""
+    """Change a setting of port 1 at the panel."""
     return lambda run: setattr(station(run).plant.ports[1].settings, name, value)
 
 
@@ -79,7 +79,7 @@ def latch(run: VirtualRun) -> None:
 
 
 def count_from(name: str, value: float) -> Act:
-    """A counter shows something else from now on."""
+    """Set a counter to another value from now on."""
 
     def change(run: VirtualRun) -> None:
         plant = station(run).plant
@@ -93,7 +93,7 @@ def count_from(name: str, value: float) -> Act:
 
 @dataclass(frozen=True)
 class Row:
-    """What happens, what must be told of `dde-1` and what must not, how it ends."""
+    """The case, what must and must not be reported of `dde-1`, and how it ends."""
 
     phrase: str
     number: int
@@ -128,16 +128,14 @@ def _rows_without_robot_mode(run: VirtualRun) -> None:
 
 
 def _no_foreign_hours(run: VirtualRun) -> None:
-    """No counter of the other station stands under this one's name, nor the other way round."""
+    """No counter of the other station is under this one's name, nor the reverse."""
     for one in run.memory.counters:
         if one.counter == "plugged_h" and one.value is not None:
             assert one.value == {"dde-1": 100, "dde-2": 5000}[one.station]
 
 
 def _flags_are_unknown(run: VirtualRun) -> None:
-    """Not one row says that there was no alarm between the two readings on both sides of the lost
-    answer.
-    """
+    """No row says "no alarm" between the readings before and after the lost answer."""
     (event,) = run.memory.of_kind("alarm.unknown")
     rows = [
         row
@@ -150,8 +148,8 @@ def _flags_are_unknown(run: VirtualRun) -> None:
 
 
 def _counted(*values: float | None, counter: str = "sleep_cycles") -> Callable[[VirtualRun], None]:
-    """What was recorded of a counter of port 1, in order: as the station shows it, nothing between,
-    nothing made up.
+    """Return the recorded values of a counter of port 1, in order: as the station shows them, none
+    in between, none invented.
     """
 
     def check(run: VirtualRun) -> None:
@@ -392,7 +390,7 @@ def prepared(row: Row) -> VirtualRun:
 
 
 def assert_it_holds(run: VirtualRun) -> None:
-    """Whatever happened: the invariants, the recipe's list of writes among them."""
+    """In every case: the invariants, including the recipe's list of writes."""
     assert violations_of(run) == []
 
 
@@ -426,7 +424,7 @@ def test_what_happens_to_a_station(row: Row) -> None:
     "row", [row for row in TABLE if row.number in (12, 13, 15, 16, 17)], ids=str
 )
 def test_nothing_is_written_to_what_comes_back_until_it_is_made_safe(row: Row) -> None:
-    """Nothing heats by itself (docs/reference/faults.md, S-4): behind the start there are only
+    """Nothing heats by itself (docs/reference/faults.md, S-4): after the start there are only
     orders to stand.
     """
     run = prepared(row).go()
@@ -495,7 +493,7 @@ def _random_act(random: Random, run: VirtualRun) -> Act:
 
 
 def mixed(number: int) -> VirtualRun:
-    """A run of one to three stations to which this number does all sorts of things."""
+    """A run of one to three stations to which this number does many things."""
     random = Random(number)
     sims = [
         hours(random.choice([3, 100, 5000]))

@@ -64,7 +64,9 @@ def credentials(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def refused(run: Path, store: str, code: int, capfd: pytest.CaptureFixture[str]) -> str:
-    """The one line with which `publish` ends with that code; libraries below it say nothing."""
+    """Return the one line with which `publish` ends with that code; libraries below it print
+    nothing.
+    """
     ended = invoked("publish", run, store)
     assert (ended.exit_code, ended.stdout, *capfd.readouterr()) == (code, "", "", "")
     (line,) = ended.stderr.splitlines()
@@ -201,7 +203,7 @@ def test_a_share_without_atomic_names_is_refused(
 
 @pytest.fixture
 def share(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
-    """What mounts a share, by how its hard links are."""
+    """Return the program that mounts a share, by the kind of its hard links."""
     with ExitStack() as mounted:
 
         def mount(links: str) -> Path:

@@ -32,7 +32,7 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
 
 
 def take(run: subprocess.Popen[str], what: int, most: int) -> None:
-    """Let the running process have no more than `most` of it."""
+    """Limit the running process to `most` of it."""
     resource.prlimit(run.pid, what, (most, resource.prlimit(run.pid, what)[1]))
 
 
@@ -49,7 +49,7 @@ def take(run: subprocess.Popen[str], what: int, most: int) -> None:
 def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
     line: ServedLine, tmp_path: Path, what: int, most: int, codes: set[int]
 ) -> None:
-    """Or with 0 where the record is whole all the same: it goes on in further files."""
+    """Or with 0 if the record is whole all the same: it continues in further files."""
     run = begun(line, tmp_path)
     try:
         assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)
@@ -74,7 +74,7 @@ def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
 def test_a_guard_from_which_memory_is_taken_makes_tools_safe_and_ends(
     line: ServedLine, tmp_path: Path
 ) -> None:
-    """No more memory is mapped for it, and then its recorder dies."""
+    """It gets no more memory, and then its recorder dies."""
     run = begun(line, tmp_path)
     try:
         assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)

@@ -51,7 +51,7 @@ STRIDE = 2999
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of two seconds that was annotated twice."""
+    """A run of two seconds with two annotations."""
     run = make_run(tmp_path_factory.mktemp("runs"), seconds=2.0)
     for text in ("SN-0012 was scrapped", "SN-0013 too"):
         append(run, who="A. Rossi", what=text, why="cracked joint", utc_s=1_790_000_100.0)
@@ -61,13 +61,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(whole: Path, tmp_path: Path) -> Path:
-    """A copy of its own."""
+    """A separate copy of it."""
     return Path(shutil.copytree(whole, tmp_path / whole.name))
 
 
 @pytest.fixture(scope="module")
 def whole_with_report(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with a report, and with what was said after that."""
+    """The same with a report, and with annotations made after that."""
     run = Path(shutil.copytree(whole, tmp_path_factory.mktemp("reported") / whole.name))
     write_report(run)
     append(run, who="A. Rossi", what="SN-0014 too", why="cracked joint", utc_s=1_790_000_200.0)
@@ -77,7 +77,7 @@ def whole_with_report(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture
 def reported(whole_with_report: Path, tmp_path: Path) -> Path:
-    """A copy of its own of the one with a report."""
+    """A separate copy of the one with a report."""
     return Path(shutil.copytree(whole_with_report, tmp_path / "reported" / whole_with_report.name))
 
 
@@ -86,7 +86,7 @@ def files(folder: Path) -> list[Path]:
 
 
 def named(folder: Path) -> set[str]:
-    """The files that `check` names; of a manifest that cannot be read as one, the manifest."""
+    """Return the files that `check` names; for an unreadable manifest, the manifest."""
     try:
         return {finding.file for finding in check(folder)}
     except RecordError as error:
@@ -103,7 +103,7 @@ def name_of(path: Path, folder: Path) -> str:
 def turned_over(
     folder: Path, places: Callable[[int], Iterator[int]], those: list[Path] | None = None
 ) -> Iterator[str]:
-    """Each byte that was changed and not found, as file and place; of all files or of `those`."""
+    """Yield each byte whose change was not found: file and place, of all files or `those`."""
     for path in files(folder) if those is None else those:
         data = path.read_bytes()
         for place in places(len(data)):
@@ -227,7 +227,7 @@ def test_two_files_that_changed_places(run: Path) -> None:
 
 
 def taken(*rows: int) -> Callable[[pa.Table], pa.Table]:
-    """Only these rows, in this order, and all that follow the last."""
+    """Return only these rows, in this order, and all that follow the last."""
     return lambda table: pa.concat_tables([table.take(list(rows)), table.slice(max(rows) + 1)])
 
 
@@ -256,8 +256,8 @@ def test_events_whose_file_the_manifest_was_made_to_agree_with(run: Path, change
 
 
 def forged(folder: Path) -> None:
-    """Hotter tips, no alarm, the chain of events anew, ledger, hashes and digest made to agree, the
-    verdict too.
+    """Hotter tips, no alarm, a new chain of events; ledger, hashes, digest and verdict recomputed
+    to agree.
     """
 
     def cooler(rows: pa.Table) -> pa.Table:
@@ -306,13 +306,13 @@ def _stamp(micros: object) -> object:
 
 @pytest.fixture
 def bare(run: Path) -> Path:
-    """The run without what was said of it."""
+    """The run without its annotations."""
     (run / "annotations.jsonl").unlink()
     return run
 
 
 def test_a_whole_forgery_agrees_with_itself(bare: Path) -> None:
-    """What the README says cannot be found without something outside of the folder."""
+    """The README says that only something outside the folder reveals it."""
     forged(bare)
     assert check(bare) == []
 
@@ -392,7 +392,7 @@ def test_a_forged_page_in_a_run_without_a_report(bare: Path) -> None:
 
 
 def altered(folder: Path, change: Callable[[dict[str, object]], object]) -> None:
-    """The report's facts with a change."""
+    """Return the report's facts with a change."""
     facts = json.loads((folder / "report.json").read_bytes())
     change(facts)
     (folder / "report.json").write_text(json.dumps(facts))
@@ -403,7 +403,7 @@ def accepted(facts: dict[str, object]) -> None:
 
 
 def without_its_line(folder: Path) -> None:
-    """The annotations up to the line that vouches for the report."""
+    """Return the annotations up to the line with the report's hash."""
     path = folder / "annotations.jsonl"
     path.write_bytes(b"".join(line for line in path.read_bytes().splitlines(keepends=True)[:2]))
 
@@ -518,7 +518,7 @@ def test_a_guard_s_lock_is_an_empty_file_or_not_there(run: Path, tmp_path: Path)
 
 
 def downgrades(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """The manifest without each of its keys, with a digest of its own, and as one of the first
+    """Yield the manifest without each of its keys, with a matching digest, and as one of the first
     release.
     """
     facts = json.loads((folder / "manifest.json").read_bytes())
@@ -581,7 +581,7 @@ def test_a_manifest_behind_a_link(bare: Path, tmp_path: Path) -> None:
 
 
 def vouched_anew(folder: Path, change: Callable[[Any], object]) -> None:
-    """The report's facts with a change, and the line that vouches for them written anew."""
+    """Change the report's facts, and rewrite the annotation with their hash."""
     without_its_line(folder)
     altered(folder, change)
     vouch(folder, hashlib.sha256((folder / "report.json").read_bytes()).hexdigest())
@@ -636,7 +636,7 @@ def test_what_a_report_repeats_is_compared_although_a_line_vouches_for_it(
 
 
 def test_a_page_forged_with_its_hash_and_line_is_found_by_making_it_again(reported: Path) -> None:
-    """`check` cannot know it, and the documents say so (docs/explanation/record.md, the threat
+    """`check` cannot find it, and the documents say so (docs/explanation/record.md, the threat
     model).
     """
     page = reported / "report.html"

@@ -43,9 +43,7 @@ counters_every_s = 3600
 
 @dataclass
 class Lived:
-    """What a long run left: each hour the resident memory in MB and the open files; how long it
-    took.
-    """
+    """The result of a long run: memory in MB and open files each hour; its duration."""
 
     folder: Path
     memory_mb: list[float] = field(default_factory=list)
@@ -55,7 +53,7 @@ class Lived:
 
 
 def outages(days: float) -> list[float]:
-    """When the cable goes out: each five hours, as long as it comes back before the end."""
+    """Return when the cable is unplugged: every five hours, if it comes back before the end."""
     begins = (
         OUT_EVERY_S * number + 100.5 for number in range(1, int(days * DAY_S / OUT_EVERY_S) + 1)
     )
@@ -69,7 +67,7 @@ def plan_for(folder: Path, days: float) -> Plan:
 
 
 def live(folder: Path, days: float, seal_s: float = DAY_S) -> Lived:
-    """Run for so many days and seal what there is each `seal_s`."""
+    """Run for that many days and seal every `seal_s`."""
     plan, clock, began = plan_for(folder, days), VirtualClock(), time.monotonic()
     papers, driver = (
         RunRecord(plan, folder / "runs", Nobody(), clock, seal_every_s=None),
@@ -101,7 +99,7 @@ def _look(lived: Lived) -> None:
 
 
 def _seal(papers: RunRecord, lived: Lived) -> None:
-    """Have it sealed, as the hourly child does, and wait for that: real time is short here."""
+    """Seal as the hourly child does, and wait for it: real time is short here."""
     store = papers._store
     store.commit_now()
     store.seal_now()
@@ -112,7 +110,7 @@ def _seal(papers: RunRecord, lived: Lived) -> None:
 
 
 def slope(values: list[float]) -> float:
-    """What a value gains from one to the next, by least squares."""
+    """Return the gain from one value to the next, by least squares."""
     middle, mean = (len(values) - 1) / 2, sum(values) / len(values)
     return sum((n - middle) * (value - mean) for n, value in enumerate(values)) / sum(
         (n - middle) ** 2 for n in range(len(values))

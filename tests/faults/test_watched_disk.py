@@ -61,7 +61,7 @@ follow(sys.argv[1]).poll()
 
 @contextmanager
 def process(code: str, *words: object) -> Iterator[subprocess.Popen[str]]:
-    """A follower of its own, which has begun to read."""
+    """Start a separate follower, which has begun to read."""
     command = [sys.executable, "-c", code, *map(str, words)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -75,8 +75,8 @@ def process(code: str, *words: object) -> Iterator[subprocess.Popen[str]]:
 
 
 class Watcher:
-    """Looks at a run again and again; `log` is the largest log that it saw, `shown` how many
-    readings of each port it has shown.
+    """Looks at a run repeatedly; `log` is the largest log that it saw, `shown` the number of
+    readings of each port that it has shown.
     """
 
     def __init__(self, follower: Follower) -> None:

@@ -22,7 +22,7 @@ RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
 
 
 def run(place: Path) -> Result:
-    """A run on a port that is not there."""
+    """A run on a port that does not exist."""
     plan = plan_in(place, LINE, RECIPE, 1.0, wire=True, guard=False)
     return conduct(plan, place / "runs", Nobody())
 

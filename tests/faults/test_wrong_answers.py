@@ -67,7 +67,7 @@ class Numbered:
 
 @dataclass(frozen=True)
 class Taken:
-    """What was taken for the answer to what; the questions asked for it, and in what time."""
+    """An accepted answer and its question; the questions asked for it, and the time."""
 
     question: str
     value: Value
@@ -80,7 +80,7 @@ class Taken:
 def converse(
     plan: dict[int, Deed], *, addressed: bool = True, questions: int = 48
 ) -> tuple[list[Taken], Numbered, Injector]:
-    """Read the signals in turn, as a run would, while `plan` happens."""
+    """Read the signals in turn, as a run would, during `plan`."""
     plant = Numbered(addressed=addressed)
     injector = Injector(plant.receive, plan)
     station, clock = Station(LineFormat(), 1 if addressed else None), VirtualClock()
@@ -109,7 +109,7 @@ def converse(
 
 
 def wrong(taken: list[Taken], plant: Numbered, injector: Injector) -> list[str]:
-    """Every value that belongs to another question, or to an earlier asking of this one."""
+    """Return every value that belongs to another question, or to an earlier identical one."""
     return [
         f"{one.value!r} was taken for {one.question}, asked as {one.begin}"
         for one in taken
@@ -126,7 +126,7 @@ def _is_right(one: Taken, plant: Numbered, injector: Injector) -> bool:
 
 
 def _is_forged(one: Taken, injector: Injector) -> bool:
-    """Whether it is what the injector let come just then, whole and with the right letters."""
+    """Whether the injector sent it just then, whole and with the right letters."""
     said = f"{one.value:05d}" if isinstance(one.value, int) else ""
     return any(
         forged.question == one.question
