@@ -31,9 +31,9 @@ from support.records.same_record import as_another
 from support.records.small_run import make_run
 
 RUNS, SHORT_RUNS = 10_000, 1000
-SETTLE_S = 2.5  # files that were written just now are not entered
+SETTLE_S = 2.5  # just written files are not entered
 MOST_S = {"runs": 1.0, "where-used": 1.0, "trend": 3.0}
-MOST_SHARE = 0.5  # the start of the program included, which is most of it for few runs
+MOST_SHARE = 0.5  # with the start of the program, most of it for few runs
 WORDS = {"runs": (), "where-used": ("--station", "ale-1", "--since", "2040-01-01"), "trend": ()}
 DIRECT = {"runs": ("--no-cache",), "where-used": ("--no-cache",), "trend": ()}
 
@@ -69,10 +69,10 @@ def measured(verb: str, run: Path, out: Path, cache: Path, new: int) -> list[tup
     """
     cache.mkdir()
     closed = cache / "closed"
-    closed.write_bytes(b"")  # no folder can be made below a file
+    closed.write_bytes(b"")  # a file cannot contain a folder
     found = [took(verb, out, closed, *DIRECT[verb]), took(verb, out, cache)]
     found.append(min(took(verb, out, cache) for _ in range(2)))
-    # a further link would change the times of the files that all others are
+    # another link would change the times of the shared files
     other = shutil.copytree(run, cache / "run")
     add(Path(other), out, len(list(out.iterdir())), new)
     time.sleep(SETTLE_S)

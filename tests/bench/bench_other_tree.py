@@ -31,9 +31,9 @@ from jbclog.app.run.metrics_cache import OFF
 
 HERE = Path(__file__).parents[2]
 COLUMNS = ("medians of rounds", "late ms 50 %", "99 %", "latest", "skipped", "CPU s")
-NOT_IN_IT_S = 2.0  # the first ticks, while a run's code is new to the processor
+NOT_IN_IT_S = 2.0  # the first ticks, before caches are warm
 TRIES = 3
-LINES = 12  # of a run's output: a station's refusal stands there
+LINES = 12  # of a run's output, where a station's refusal is
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,10 +33,10 @@ from jbclog.live.joint_counter import COUNT_S, Schedule
 STATIONS: Final = 32  # of two ports each
 FOLLOWERS: Final = 10
 BEGIN_S, START_S = 15.0, 15.0  # of the run, and of followers that start, at most
-# times the lateness without followers, and `SLACK_MS`: ten more processes want the processors too
+# times the lateness without followers, plus `SLACK_MS`: ten more processes share the processors
 WIDER: Final = 2.0
 SLACK_MS: Final = 5.0
-LONGER: Final = 2.0  # times the estimate: of another machine, and beside a run
+LONGER: Final = 2.0  # times the estimate, which is from another machine without a run beside it
 FOLLOW: Final = """
 import os, sys
 from jbclog.cli.watch import NICENESS

@@ -61,7 +61,7 @@ alarms_every_s = {alarms_every_s}
 """
 
 
-# -- what is measured against ----------------------------------------------------------------------
+# -- the virtual stations --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Bench:
     folder: Path
     line: Path
     ports: list[str]
-    wire_log: Path  # there where it was asked for
+    wire_log: Path  # exists if requested
 
     def recipe(self, *, alarms_every_s: float = 2.0) -> Path:
         """Write a recipe file for them."""
@@ -139,7 +139,7 @@ noise_c = 0.5
     return '[line]\nname = "bench"\n' + "".join(tables)
 
 
-# -- who measures ----------------------------------------------------------------------------------
+# -- processes and measurements --------------------------------------------------------------------
 
 
 def in_own_process(call: Callable[P, T], *args: P.args, **keys: P.kwargs) -> T:
@@ -159,7 +159,7 @@ def percentile(values: Sequence[float], percent: float) -> float:
     return sorted(values)[min(int(len(values) * percent / 100), len(values) - 1)]
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ LINE = (
     " [1]\n"
 )
 EXCHANGE_S = 0.0141
-LEARNING_S, KNOWN_S = 8.0, 10.0  # from the first tick on: answers are kept, then given again
+LEARNING_S, KNOWN_S = 8.0, 10.0  # from the first tick: answers are recorded, then replayed
 QUESTION, ANSWER = b"\x020001RTT1\x03\x25", b"\x020100ATT100350\x03\x14"
 
 

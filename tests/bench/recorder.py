@@ -39,14 +39,14 @@ class Recorded:
     rows: int
     ticks_skipped: int
     late_ms: tuple[float, float, float]  # of each tick's first question: 50 %, 99 %, the latest
-    late_tenths_ms: list[float]  # 99 % of each tenth of the rows, the least first
+    late_tenths_ms: list[float]  # 99th percentile of each tenth of the rows, ascending
     worst_slow_periods: float  # the longest that any slow reading waited, in its own periods
     shortest_scan_s: float  # of a port's row, which holds three reads at least
-    recording_mb: float  # of memory, at the most, until the record is sealed
-    peak_mb: float  # the same with the verdict, before the rows are looked at
-    trouble: list[str]  # what the run itself found wrong
-    wire_bytes: int  # that the wires took on the disk
-    wire_exchanges: int  # that they hold
+    recording_mb: float  # peak memory until the record is sealed
+    peak_mb: float  # the same with the verdict, before the rows are examined
+    trouble: list[str]  # problems that the run itself found
+    wire_bytes: int  # size of the captures on disk
+    wire_exchanges: int  # in the captures
 
 
 class Mark(NamedTuple):

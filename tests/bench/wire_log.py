@@ -26,9 +26,9 @@ class Use:
 
     exchanges: int
     seconds: float
-    bytes_s: float  # what the bytes of all exchanges take
+    bytes_s: float  # time of the bytes of all exchanges
     shortest: Exchange
-    idle_us: tuple[float, float]  # of the wire in an exchange: the least of a tenth, the median
+    idle_us: tuple[float, float]  # of the link per exchange: 10th percentile, median
 
     @property
     def percent(self) -> float:

@@ -65,7 +65,7 @@ def report(sealed: Path) -> dict[str, bytes]:
     return report_files(sealed)
 
 
-# -- what is shown ---------------------------------------------------------------------------------
+# -- shown values ----------------------------------------------------------------------------------
 
 
 def shown(folder: Path) -> Shown:
@@ -310,7 +310,7 @@ def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
     for one in (one for way in ways for one in way):
         trial = open_trial(half_sealed, home, name, one)
         recover(trial)
-        numbers = few_rows.sealed_numbers(trial)  # each row is exactly what was handed over
+        numbers = few_rows.sealed_numbers(trial)  # each row is as written
         events = few_rows.sealed_events(trial)
         assert (numbers, events) == (list(range(30)), list(range(0, 30, 7))), one.how
         assert check(trial) == [], one.how

@@ -58,7 +58,7 @@ def assert_nothing_is_wrong_silently(folder: Path) -> None:
         recover(folder)
     except RecordError as error:
         pytest.fail(f"not recovered: {error}")
-    numbers = few_rows.sealed_numbers(folder)  # each row is exactly what was handed over
+    numbers = few_rows.sealed_numbers(folder)  # each row is as written
     lost = read_manifest(folder).lost
     assert sorted(set(numbers)) == numbers
     assert lost is not None

@@ -74,7 +74,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "dde-1.tsv.gz"
 
 
-# -- what holds, whatever was done -----------------------------------------------------------------
+# -- what holds in every case ----------------------------------------------------------------------
 
 
 def is_in_order(found: list[CaptureRow]) -> bool:
@@ -147,7 +147,7 @@ def lost_blocks(path: Path) -> int:
 def flip(path: Path, whole: bytes, stride: int) -> Count:
     count = Count("one bit of a wire's file flipped")
     for one in bits_flipped(whole, stride):
-        # so it is where a bit of deflate's own padding was flipped
+        # as when a bit of deflate's own padding was flipped
         is_whole = look(path, one, count) == ROWS
         assert lost_blocks(path) == len(holes(path)) == len(list(losses(path))) <= 1, one.how
         assert is_whole or lost_blocks(path) == 1
@@ -196,7 +196,7 @@ def test_every_byte_altered_and_every_length(path: Path, whole: bytes) -> None:
     assert walk(path, whole, 1).wrong == 0
 
 
-# -- what a hole says ------------------------------------------------------------------------------
+# -- holes -----------------------------------------------------------------------------------------
 
 
 def block_of(whole: bytes, number: int) -> tuple[int, int]:
@@ -355,7 +355,7 @@ def test_format_1_is_read_where_its_check_sum_holds_and_not_at_all_otherwise(
     print(count.told())
 
 
-# -- lived through again ---------------------------------------------------------------------------
+# -- replayed --------------------------------------------------------------------------------------
 
 
 def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
@@ -377,7 +377,7 @@ def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "run")
 
 
-# -- replay says so before it starts ---------------------------------------------------------------
+# -- replay reports damage before it starts --------------------------------------------------------
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from support.virtual.station_log import heard_in
 
 SEED = random.randrange(1 << 32)
 TOOLS = 6
-SAFE_S = 5.0  # from the first commit that failed, which comes within a second
+SAFE_S = 5.0  # from the first failed commit, which comes within a second
 
 
 @contextmanager
@@ -82,7 +82,7 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         assert manifest.exit_status in ("failed", "lost")
         assert "record.failed" in said_in(folder) or manifest.lost is not None
         jbclog("run", line.recipe, "--line", line.path, "--out", out, "-d", "1s", "-s", "dde-1")
-        (again,) = folders(out) - {folder}  # nothing stands in the way of the next
+        (again,) = folders(out) - {folder}  # nothing blocks the next run
         assert (read_manifest(again).state, check(again)) == ("sealed", [])
 
 

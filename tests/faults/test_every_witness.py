@@ -34,13 +34,13 @@ from support.virtual.virtual_run import VirtualRun, line_text, prepare
 CAMPAIGN = 400
 SLICE = 6
 DURATION_S = 120.0
-QUIET_S = 10.0  # at the start, which is read through
+QUIET_S = 10.0  # at the start, when everything is read
 SEED = 20261122
 STATIONS = 3
 MOST_DELAY_S = 1.9
-# in which a station that was slow may still be taken for gone, or is not asked again yet
+# a station that was slow may still count as gone, or is not asked again yet
 SETTLES_S = 15.0
-BUSY_S = 4.0  # that a stop may last that is none of a suspended host
+BUSY_S = 4.0  # longest stop that does not count as a suspended host
 Phase = tuple[float, float, float | None]
 """From when to when a station answers so many seconds late, or (None) not at all; seconds after the
 beginning.
@@ -106,7 +106,7 @@ class Trial:
 
     run: VirtualRun
     phases: dict[str, list[Phase]]
-    stopped: list[tuple[float, float]]  # when the host really stood still, monotonic
+    stopped: list[tuple[float, float]]  # when the host really stopped, monotonic
 
     @classmethod
     def of(cls, seed: int) -> Trial:
@@ -361,7 +361,7 @@ READ_ONLY = '[recipe]\nname = "read"\nrevision = 1\nfamilies = ["dde"]\n[samplin
 def test_on_real_terminals_a_neighbour_bears_out_that_only_one_station_was_silent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # what other tests left hot would be told of
+    # tools left hot by other tests would be reported
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line", REAL, READ_ONLY) as served:

@@ -137,7 +137,7 @@ def test_a_run_that_cannot_be_read_is_named_and_an_error_of_the_function_is_rais
 def test_a_worker_that_is_killed_in_the_middle_changes_no_answer(
     fleet: Cluster, tmp_path: Path
 ) -> None:
-    fleet.worker()  # in place of the one that is killed
+    fleet.worker()  # replaces the killed one
     for name, engine in (("scheduler", Scheduler(fleet.address)), ("processes", Processes(2))):
         mark = tmp_path / name
         found = [*engine.run(partial(killed_at, at=7, mark=mark), range(30))]

@@ -37,7 +37,7 @@ from support.virtual.virtual_run import RECIPE
 
 STATIONS: Final = 4
 SECONDS: Final = 5
-BEGIN_S: Final = 1.5  # behind the order to work: the run is sampling by then
+BEGIN_S: Final = 1.5  # after the order to work: the run is sampling by then
 LATER_MS: Final = 50.0
 ENDS_WITHIN_S: Final = 10.0
 MOST_MB: Final = 40.0  # more than without a flood
@@ -223,7 +223,7 @@ def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
                 break
     assert found.late_ms - found.before_ms < LATER_MS
     assert_bounded(found, 2)
-    assert found.unsafe == 2  # told, and not verified: each tool of theirs
+    assert found.unsafe == 2  # ordered, and not verified: each of their tools
     assert found.captured_kb < 1024
 
 

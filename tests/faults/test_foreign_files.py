@@ -285,7 +285,7 @@ def test_a_report_of_a_run_whose_record_does_not_say_its_line(tmp_path: Path) ->
     assert "<dt>Line</dt><dd>not known</dd>" in write_report(folder).read_text(encoding="utf-8")
 
 
-SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give does not need it
+SILENT = ("where-used", "audit --runs", "start of the next run")  # their answer does not need it
 
 
 def test_one_bad_folder_is_a_finding_in_its_place(kept: Path, tmp_path: Path, pairs: Pairs) -> None:

@@ -105,7 +105,7 @@ class Target:
         return done
 
 
-# -- frames: each that is given stands there with its check ----------------------------------------
+# -- frames: each result is in the input, with its check byte --------------------------------------
 
 CONTROL = (
     b"\x02",
@@ -170,7 +170,7 @@ def omega_frames(stream: bytes, _: Path) -> None:
     assert one.garbage <= len(stream)
 
 
-# -- the manifest: NoManifest, or one that says what the file says ---------------------------------
+# -- the manifest: NoManifest, or the contents of the file -----------------------------------------
 
 
 def _manifests() -> st.SearchStrategy[bytes]:
@@ -208,7 +208,7 @@ def manifest(data: bytes, folder: Path) -> None:
         math.isfinite(number) for number in (told.t0_mono, told.t0_utc) if number is not None
     )
     assert all(isinstance(text, str) for text in (*told.serials(), *told.metadata.said().values()))
-    assert check(folder)  # its files are not there
+    assert check(folder)  # its files are missing
     again.mkdir()
     write_manifest(again, told)
     assert manifest_text(read_manifest(again)) == manifest_text(told)
@@ -262,7 +262,7 @@ def lease(data: bytes, folder: Path) -> None:
             lines.append(json_of(line))
             alone.append(StationLease.from_json(line))
     stations = read_leases(folder)
-    assert stations == alone  # a line that cannot be read hides no other, and is told
+    assert stations == alone  # an unreadable line hides no other, and is reported
     assert bool(why_unreadable(folder)) == (len(alone) < len(data.splitlines()))
     for station in stations:
         told = {name: getattr(station, name) for name in TYPES}
@@ -276,7 +276,7 @@ def lease(data: bytes, folder: Path) -> None:
     assert {station.name for station in stations} <= {*conclude.left_leases(folder)}
 
 
-# -- the serial capture: RecordError, or rows of the file in their order, the missing ones named ---
+# -- the serial capture: RecordError, or rows in order, the missing ones reported ------------------
 
 BLOCK_WORDS = (
     b"\x1f\x8b\x08\x04",
@@ -339,7 +339,7 @@ def capture_text(data: bytes, folder: Path) -> None:
     _looked(first + packed(text[half:], 1, 1 + text[:half].count("\n"), head), folder)
 
 
-# -- the live store: RecordError, or rows that were handed over, the missing ones named ------------
+# -- the live store: RecordError, or rows as written, the missing ones reported --------------------
 
 STORE_ROWS = 30
 
@@ -388,7 +388,7 @@ def store(case: Any, folder: Path) -> None:
         return
     assert set(rows) <= {*range(STORE_ROWS)}
     recover(run)
-    sealed = few_rows.sealed_numbers(run)  # each row is exactly what was handed over
+    sealed = few_rows.sealed_numbers(run)  # each row is as written
     assert sealed == sorted(set(rows))
     lost = read_manifest(run).lost
     assert lost is not None
@@ -541,7 +541,7 @@ def line(data: bytes, _: Path) -> None:
     assert parse_line(text, Path("/etc/line.toml")) == read
 
 
-# of any tool in the manuals; hot air has its own maximum, which only the station tells
+# of any tool in the manuals; hot air has its own maximum, which only the station reports
 HOTTEST_C = 500
 
 

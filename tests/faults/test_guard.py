@@ -52,8 +52,8 @@ BUSY_S = 60.0
 # after the first question: settings are being written, tools put to work, the first samples taken
 EARLY_S = 1.2
 LATE_S = 3.0
-MISSED_S = 1.25  # in which a guard that stands still is found out
-STARTED_S = 0.75  # in which the next one is there, on a machine that has other work, too
+MISSED_S = 1.25  # until a stopped guard is noticed
+STARTED_S = 0.75  # until the next one runs, also on a busy machine
 SEED = random.randrange(1 << 32)
 
 
@@ -73,7 +73,7 @@ def recovered(folder: Path) -> Manifest:
     return read_manifest(folder)
 
 
-# -- told in time ----------------------------------------------------------------------------------
+# -- ordered in time -------------------------------------------------------------------------------
 
 
 def struck(
@@ -267,7 +267,7 @@ def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
         assert {order.value for order in line.orders(blow.at)} == {word}
 
 
-# -- not where nothing happened --------------------------------------------------------------------
+# -- no action without a cause ---------------------------------------------------------------------
 
 
 def assert_left_alone(
@@ -277,7 +277,7 @@ def assert_left_alone(
     assert [order for order in line.orders(since) if order.is_safe] == []
     run.terminate()
     notes = ended(run)
-    assert run.returncode in (0, 1), notes  # not cut short: no duration was stated
+    assert run.returncode in (0, 1), notes  # its normal end: no duration was stated
     folder = only_run(out)
     assert {"guard.took_over", "guard.lost"} & set(events(folder)) == set()
     assert read_manifest(folder).guard == "on"

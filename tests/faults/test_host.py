@@ -41,8 +41,8 @@ from support.virtual.station_log import heard_in
 
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
 ODD = program("faults.odd_host")
-RATE_HZ = 2  # which fits however late this machine lets answers be
-SOON_S = 60.0  # other tests have the processors, too
+RATE_HZ = 2  # fits, however late answers are on this machine
+SOON_S = 60.0  # other tests share the processors
 ENDS_S = 30.0
 HOUR = 3600.0
 NIGHT = 7200.0
@@ -464,14 +464,14 @@ def test_signals_while_recovering_a_hundred_times(
     counted(recoveries_ended_by_signals=100, lost=0, wrong=0)
 
 
-# -- who does not read (docs/reference/faults.md, F-46) --------------------------------------------
+# -- output that nobody reads (docs/reference/faults.md, F-46) -------------------------------------
 
 
 @dataclass
 class Unread:
     held: Run  # Ctrl-S
-    stuck: Run  # two pipes that take nothing
-    gone: Run  # pipes whose reader goes away
+    stuck: Run  # two full pipes
+    gone: Run  # pipes whose reader ends
     closed: Run  # no stream at all, no terminal
     seconds: dict[str, float]
 
@@ -526,7 +526,7 @@ def test_who_does_not_read_keeps_no_run_from_its_end(unread: Unread, which: str)
 def test_what_was_not_shown_is_in_the_record_with_the_count(unread: Unread) -> None:
     (missed,) = unread.stuck.events("notes.missed")["value"]
     assert missed > 0
-    assert len(unread.closed.events("notes.missed")) == 0  # who closed them did not want them
+    assert len(unread.closed.events("notes.missed")) == 0  # closed on purpose
 
 
 @pytest.mark.campaign
@@ -653,7 +653,7 @@ def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothi
     assert run.wrong() == []
 
 
-# -- who looks on (docs/reference/faults.md, F-47) -------------------------------------------------
+# -- viewers (docs/reference/faults.md, F-47) ------------------------------------------------------
 
 HOOKS = ("begun", "happened", "second", "sealing", "close")
 

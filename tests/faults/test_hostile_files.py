@@ -97,7 +97,7 @@ def test_a_hostile_file_is_refused_quickly(name: str, reader: str) -> None:
     text = HOSTILE[name]
     assert len(text.encode()) <= MAX_BYTES, "the case would only test the limit on size"
     durations = []
-    for _ in range(3):  # the best of three: other work on the machine is not what is measured
+    for _ in range(3):  # minimum of three, to exclude other load
         began = time.process_time()
         problems = refused(READERS[reader], text).problems
         durations.append(time.process_time() - began)
@@ -131,7 +131,7 @@ def test_any_text_at_all_is_refused_with_sentences_that_are_safe_to_print(text: 
         assert all(sign == "\n" or sign.isprintable() for sign in sentences)
 
 
-# -- files that are none ---------------------------------------------------------------------------
+# -- not files at all ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("load", [load_recipe, load_line])

@@ -206,7 +206,7 @@ def test_names_of_files_on_the_command_line(
     monkeypatch.chdir(tmp_path)
     for verb, text in pairs(VERBS, whole=whole):
         if "\0" in text or text in ("", ".", ".."):
-            continue  # no system gives a program such an argument, or the folder is a real one
+            continue  # no system passes such an argument, or the folder is a real one
         ended = invoked(verb, "--line" if verb == "safe" else "--", text)
         assert ended.exit_code in (1, 2, 3, 4), (verb, text)
         assert "Traceback" not in ended.output
@@ -230,7 +230,7 @@ def test_what_is_said_of_a_run_later(sealed: Path, tmp_path: Path) -> None:
     assert check(run) == []
 
 
-# -- a whole run in which everything that can be is hostile ----------------------------------------
+# -- a whole run with every possible text hostile --------------------------------------------------
 
 
 class Liar:
@@ -503,7 +503,7 @@ def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> N
     assert create_run(tmp_path / "runs", "bench", 1.79e9).parent == tmp_path / "runs"
 
 
-# -- structure: nothing is printed that did not go through the one place that cleans ---------------
+# -- structure: everything printed passes through the one function that cleans ---------------------
 
 PRINTS = {
     "cli/output.py": "cleans",
@@ -519,7 +519,7 @@ PRINTS = {
 
 def prints(path: Path) -> bool:
     text = path.read_text("utf-8")
-    if not re.search(r"\bprint\b|echo\b|\bwrite\b", text):  # to parse all takes a second
+    if not re.search(r"\bprint\b|echo\b|\bwrite\b", text):  # parsing all of them takes a second
         return False
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Call):

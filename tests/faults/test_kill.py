@@ -48,7 +48,7 @@ def assert_whole(left: dict[str, object], rows: int | None) -> None:
 def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
     for left in outcomes:
         assert_whole(left, None if scenario == "record" else crash.ROWS)
-        if scenario == "seal":  # closed in good order: only its sealing was cut short
+        if scenario == "seal":  # closed normally: only its sealing was cut short
             assert (left["exit status"], left["lost"]) == ("success", None)
         else:
             assert left["exit status"] == "lost"

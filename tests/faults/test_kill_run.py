@@ -45,7 +45,7 @@ from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
 
 SEED = random.randrange(1 << 32)
-LEAST_STEPS = 20  # that every recovery takes
+LEAST_STEPS = 20  # in every recovery
 DURATION_S = 2.0
 LATEST_S = {"start": 1.5, "questions": DURATION_S + 1.5}
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]

@@ -49,7 +49,7 @@ def killed(run: Path, place: Place, *deaths: tuple[int, str]) -> None:
     """Publish with one process for each death, all at once; each is killed, or finds that the other
     has published the run.
     """
-    Publisher(place).__exit__()  # makes the tables: their creation is no commit of a publication
+    Publisher(place).__exit__()  # makes the tables, whose creation belongs to no publication
     for one in [start(run, Path(place.url), number, when) for number, when in deaths]:
         said, wrong = one.communicate(timeout=120)
         assert one.returncode in (-signal.SIGKILL, 0), said + wrong

@@ -118,13 +118,13 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
         == f"Run {left_hot.name} ended without making the tools of ale-1, dde-1 safe; every tool is"
         " in its safe state now."
     )
-    # whose ports this run had nothing to do with
+    # on ports that this run did not use
     assert {lease.name for lease in read_leases(left_hot)} == {"dde-2", "ucr-1"}
     assert annotated(left_hot) == [
         ("jbclog run", "guard.left_over"),
         ("jbclog run", "safety.safe_state"),
     ]
-    assert check(left_hot) == []  # what was sealed is not touched again
+    assert check(left_hot) == []  # the sealed run is unchanged
 
 
 @pytest.mark.campaign
@@ -158,7 +158,7 @@ def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(
     } == {"verified"}
 
 
-# -- a disk that is full ---------------------------------------------------------------------------
+# -- a full disk -----------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def filled(disk: Path) -> Path:
     ballast = disk / "ballast"
     with ballast.open("wb", buffering=0) as file:
         for size in (1 << 20, 4096):
-            with suppress(OSError):  # there is no room for another one
+            with suppress(OSError):  # no space for another one
                 while True:
                     file.write(b"x" * size)
     return ballast

@@ -59,7 +59,7 @@ def assert_true(outcome: Outcome, number: object) -> None:
     assert [name for name, one in outcome.cables.items() if is_hot(one)] == [], number
 
 
-# -- bad wires -------------------------------------------------------------------------------------
+# -- bad links -------------------------------------------------------------------------------------
 
 
 def test_the_bench_is_sound() -> None:
@@ -329,7 +329,7 @@ def begun(outcome: Outcome) -> float:
     return min(one.taken("PS")[0].at for one in outcome.cables.values() if one.taken("PS"))
 
 
-# -- safe states, and stations that are not what they seem -----------------------------------------
+# -- safe states, and stations of another family ---------------------------------------------------
 
 
 def statuses(one: Cable, port: int = 1) -> list[tuple[str, int]]:

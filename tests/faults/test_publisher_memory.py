@@ -15,7 +15,7 @@ from support.records.many_runs import one_run
 
 GROUP_ROWS = 32_768
 MOST_MB = 480  # 419 to 430 of 3 million rows; with commits of a million 541 to 553
-# more heaps of the C library would take more or less by chance
+# more heaps of the C library would make it vary by chance
 HEAPS = {"MALLOC_ARENA_MAX": "1"}
 PROGRAM = """
 import re, sys

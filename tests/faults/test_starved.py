@@ -25,7 +25,7 @@ from support.faults.starved import ALWAYS, RECORDER, TAKING_OVER, WATCHING, Star
 from support.virtual.served_line import ServedLine
 
 SEED = random.randrange(1 << 32)
-OF_THE_SLICE = 1106854856  # the recorder's 25th request, a beat to its guard
+OF_THE_SLICE = 1106854856  # the recorder's 25th request, a lease renewal
 MOST = {RECORDER: 200_000, WATCHING: 2_500, TAKING_OVER: 12_000}
 """Requests while tools are hot, about: of a run of five seconds, of a guard of one, of a guard that
 takes over.

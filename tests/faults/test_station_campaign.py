@@ -46,7 +46,7 @@ def hours(number: int) -> str:
     return f"counters = {{plugged_hours = {number}}}\n"
 
 
-# -- what people and stations do -------------------------------------------------------------------
+# -- actions of people and stations ----------------------------------------------------------------
 
 
 def station(run: VirtualRun, number: int = 1) -> VirtualStation:
@@ -104,7 +104,7 @@ class Row:
     outcome: str = "completed"
     recipe: str = GOING_ON
     also: Callable[[VirtualRun], None] = field(default=lambda run: None)
-    unsafe: int = 0  # tools that cannot be made safe, and are told
+    unsafe: int = 0  # tools that cannot be made safe, and are reported
 
     def __str__(self) -> str:
         return f"{self.number}: {self.phrase}"
@@ -327,7 +327,7 @@ TABLE = [
         also=_counted(100, 7),
     ),
     Row(
-        # another unit may be on its cable, and nobody can tell
+        # another unit may be on its cable, and nothing shows it
         "the hours that it is known by fall",
         17,
         line(hours(100)),

@@ -152,7 +152,7 @@ def test_missing_and_wrong_credentials_are_one_line_without_them(
 ) -> None:
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
     monkeypatch.setenv("HOME", str(tmp_path))
-    # it lets in who makes the bucket, and asks from then on
+    # it lets the bucket's creator in, and asks for keys from then on
     with serving(free_calls=1) as server:
         credentials(server, monkeypatch)
         for gone in ([], ["AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"]):

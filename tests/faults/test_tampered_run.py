@@ -160,7 +160,7 @@ def test_each_file_cut_short_emptied_and_lengthened(run: Path) -> None:
         for changed in (b"", data[:-1], data[: len(data) // 2], data + b"\n", data + data[-64:]):
             path.write_bytes(changed)
             if path.name == "annotations.jsonl" and changed == b"":
-                continue  # nothing inside shows that: see the last tests
+                continue  # nothing inside shows this: see the last tests
             assert name_of(path, run) in named(run), f"{name_of(path, run)} of {len(changed)} bytes"
         path.write_bytes(data)
 
@@ -252,7 +252,7 @@ def test_events_whose_file_the_manifest_was_made_to_agree_with(run: Path, change
     assert "events/" in named(run)
 
 
-# -- written anew as a whole, hashes and digest included: nothing inside can show it ---------------
+# -- rewritten completely, with hashes and digest: nothing inside can show it ----------------------
 
 
 def forged(folder: Path) -> None:
@@ -364,7 +364,7 @@ def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Pat
     assert check(run) == []
 
 
-# -- what a report wrote ---------------------------------------------------------------------------
+# -- files of a report -----------------------------------------------------------------------------
 
 OF_REPORT = ("report.html", "report.pdf", "joints.parquet", "tables/rules.csv")
 
@@ -514,7 +514,7 @@ def test_a_guard_s_lock_is_an_empty_file_or_not_there(run: Path, tmp_path: Path)
     assert named(run) == {"guard.lock"}
 
 
-# -- an older record than it was -------------------------------------------------------------------
+# -- downgraded to an older record -----------------------------------------------------------------
 
 
 def downgrades(folder: Path) -> Iterator[tuple[str, bytes]]:
@@ -577,7 +577,7 @@ def test_a_manifest_behind_a_link(bare: Path, tmp_path: Path) -> None:
     assert "manifest.json" in named(bare)
 
 
-# -- a report that is forged together with the line that vouches for it ----------------------------
+# -- a report forged together with the annotation of its hash --------------------------------------
 
 
 def vouched_anew(folder: Path, change: Callable[[Any], object]) -> None:

@@ -30,8 +30,8 @@ from support.virtual.virtual_run import RECIPE, line_text
 DAY_S, HOUR_S = 86400.0, 3600.0
 OUT_EVERY_S, OUT_S = 5 * HOUR_S, 60.0
 PAGE_MB = 4096 / 2**20
-MOST_MB_A_DAY = 0.3  # half a day's rows would be as much
-PERIOD_S = 15.0  # the slowest that a recipe may ask
+MOST_MB_A_DAY = 0.3  # half a day's rows would take as much
+PERIOD_S = 15.0  # the longest that a recipe may set
 SPARSE = f"""{RECIPE}on_difference = "continue"
 
 [sampling]
@@ -134,7 +134,7 @@ def test_a_quarter_of_a_day(tmp_path: Path) -> None:
     lived = live(tmp_path, 0.25, seal_s=2 * HOUR_S)
     assert_whole(lived, 0.25)
     assert lived.parts >= 2
-    # a part that is being written, its child's pipe
+    # a part in progress, the pipe of its child
     assert max(lived.files) - min(lived.files) <= 3
 
 

@@ -107,7 +107,7 @@ class Watcher:
 def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
     with (
         ServedLine(tmp_path, logs=True) as line,
-        TemporaryDirectory() as place,  # pytest keeps its own folders from other users
+        TemporaryDirectory() as place,  # other users cannot read pytest's own folders
         small_disk(Path(place) / "disk", "24m") as disk,
     ):
         out = disk / "runs"
@@ -130,7 +130,7 @@ def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
                     filler = fill(disk)
                     last = watcher.until_ended()
                     told, wrong = other.communicate(timeout=WAIT_S)
-                    assert stopped.poll() is None  # in the middle of its read all the time
+                    assert stopped.poll() is None  # still in the middle of its read
                 _, said = run.communicate(timeout=WAIT_S)
         finally:
             run.kill()
@@ -149,6 +149,6 @@ def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
         assert check(folder) == []
         samples = open_run(folder).samples(columns=["station", "port", "temperature_c"])
         kept = samples.dropna().groupby(["station", "port"], observed=True).size()
-        for place, shown in watcher.shown.items():  # what was shown was acknowledged: it stays
+        for place, shown in watcher.shown.items():  # everything shown was acknowledged, so it stays
             assert kept[place] >= shown
         assert read_manifest(folder).exit_status in ("failed", "lost")

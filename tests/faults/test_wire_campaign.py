@@ -28,7 +28,7 @@ from support.oracles.believed import judge_rows
 from support.oracles.sane import assert_memory_is_bounded
 
 HOURS, FIRST = float(os.environ.get("WIRE_HOURS", "2000")), int(os.environ.get("WIRE_FIRST", "0"))
-SHORT = (7, 15, 18, 22)  # brisk ones
+SHORT = (7, 15, 18, 22)  # fast ones
 FORGED = 18  # a tape with wrong values in its record
 ANSWER = b"\x020100ATT100350\x03F"
 
@@ -63,7 +63,7 @@ def test_thousands_of_hours(
     assert_memory_is_bounded()
 
 
-# -- the campaign itself: what it would not see is not shown by it ---------------------------------
+# -- the campaign itself: it must be able to see a fault -------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ ASKED = [
     ("station_error", None, "RSER"),
 ]
 """Codes that differ in little: RTT, RTT1 and RTT2."""
-# when an answer is there, and how long one is waited for beyond its bytes
+# when an answer arrives, and how long to wait for one beyond its bytes
 ANSWER_S, PATIENCE_S = 0.0151, 0.100
 PAUSE_S = 0.012
 
@@ -136,7 +136,7 @@ def _is_forged(one: Taken, injector: Injector) -> bool:
     )
 
 
-# -- one deed, swept over time ---------------------------------------------------------------------
+# -- one disturbance, swept over time --------------------------------------------------------------
 
 AROUND_THE_PATIENCE = [PATIENCE_S + step * 1e-4 for step in range(-60, 61, 4)]
 TIMES_S = sorted(
@@ -164,7 +164,7 @@ def test_one_disturbed_answer(kind: str, addressed: bool) -> None:
                     "cut_short",
                     "foreign_within",
                 ):
-                    break  # nothing comes instead of these
+                    break  # nothing replaces these
     assert did[kind] >= 4
 
 
