@@ -35,7 +35,7 @@ LOOKING = """
 import os, sys
 from jbclog.live import Phase, follow
 with follow(sys.argv[1]) as follower:
-    follower.poll()  # what is imported late may be in a place that only this user can read
+    follower.poll()  # late imports may be in a folder that only this user can read
 os.setgid(int(sys.argv[2]))
 os.setuid(int(sys.argv[2]))
 with follow(sys.argv[1]) as follower:
