@@ -149,6 +149,8 @@ def vanish(store: LiveStore) -> None:
     """Leave the folder as a kill would: nothing closed, the lock free."""
     _end_thread(store)
     copies = {path: path.read_bytes() for path in store.folder.glob("live*")}
+    # once in seventeen runs of all tests an abandoned run had no rows: the next time this says why
+    assert any(data for path, data in copies.items() if path.name.endswith("-wal")), copies.keys()
     store._writer.close()
     store.release()
     for path, data in copies.items():
