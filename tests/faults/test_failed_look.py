@@ -1,5 +1,5 @@
-"""An error of the program in what the recorder repeats each second: the run goes on, and whoever
-reads its messages reads one line.
+"""An error of the program in what the recorder repeats each second: the run continues, with one
+line in its messages.
 """
 
 from __future__ import annotations

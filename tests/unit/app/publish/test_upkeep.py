@@ -192,7 +192,7 @@ def test_what_a_killed_trial_of_the_place_left_is_removed(place: Place, name: st
 
 @pytest.mark.parametrize("name", TRIALS)
 def test_a_trial_of_a_publisher_that_starts_stays(place: Place, name: str) -> None:
-    """It has no lease yet. Its newest file counts: a trial goes on."""
+    """It has no lease yet. Its newest file counts, because a trial takes a while."""
     tried(place, name.replace("x.json", "w.json"), lease.VALID * 2)
     path = tried(place, name, lease.VALID / 2)
     found = check(place, AT_ONCE)
