@@ -26,8 +26,8 @@ from hypothesis import settings
 
 from support import once
 
-# A busy machine must not fail a property. The examples are the same each time, so that what fails is
-# what was changed; `--hypothesis-profile=anew` draws others.
+# A busy machine must not fail a property. The examples are the same each time, so that what fails
+# is what was changed; `--hypothesis-profile=anew` draws others.
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("anew", deadline=None)
 settings.load_profile("same")
