@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,7 @@ from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts, TipCheck
 
 ROWS_AT_ONCE: Final = 8192  # as an object a row takes up to a kilobyte
+EVENT_COLUMNS: Final = ["kind", "severity", "station", "port", "text", "time", "value"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +122,15 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """The fields of an event that a verdict needs."""
+    """The fields of an event that a verdict needs. `time` is UTC."""
 
     kind: str
     severity: str
     station: str | None
     port: int | None
     text: str
+    time: datetime | None = None
+    value: float | None = None
 
 
 def read_events(folder: Path) -> list[Event]:
@@ -138,8 +142,10 @@ def read_events(folder: Path) -> list[Event]:
             _text(row["station"]),
             _number(row["port"]),
             str(row["text"]),
+            time if isinstance(time := row["time"], datetime) else None,
+            value if isinstance(value := row["value"], float) else None,
         )
-        for row in _rows(folder / "events", ["kind", "severity", "station", "port", "text"])
+        for row in _rows(folder / "events", EVENT_COLUMNS)
     ]
 
 

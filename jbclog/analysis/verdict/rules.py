@@ -69,6 +69,10 @@ NOT_AS_PLANNED = frozenset(
 ACCEPT.
 """
 
+OUTAGES: Final = frozenset({"link.flooded", "link.lost", "robot.off"})
+BACK: Final = frozenset({"link.back", "robot.on"})
+"""Events at the end of an outage; their value is its length in seconds."""
+
 ENDINGS = (
     "station.completed",
     "station.stopped",
@@ -271,13 +275,51 @@ def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool
 
 
 def deviations(events: Sequence[Event]) -> Iterator[Rule]:
-    """Yield a rule for each kind of deviation on each port: its number, the first event's text."""
+    """Yield a rule for each kind of deviation on each port: its number, the first event's text; of
+    outages also when, how long, and whether the station came back.
+    """
     found: dict[tuple[str, str | None, int | None], list[Event]] = {}
+    of_links: dict[str | None, list[Event]] = {}
     for event in events:
         if _deviates(event):
             found.setdefault((event.kind, event.station, event.port), []).append(event)
+        if event.kind in OUTAGES or event.kind in BACK:
+            of_links.setdefault(event.station, []).append(event)
     for (kind, station, port), same in found.items():
-        yield Rule(kind, station, port, None, len(same), "", Result.DEVIATION, same[0].text)
+        text = same[0].text
+        if kind in OUTAGES:
+            text = f"{text} {_outages_text(same, of_links[station])}"
+        yield Rule(kind, station, port, None, len(same), "", Result.DEVIATION, text)
+
+
+def _outages_text(outages: Sequence[Event], of_link: Sequence[Event]) -> str:
+    """Return when the first of these outages began, and whether the station came back: the text of
+    its event, in the present tense, would be read as still true.
+    """
+    kind, is_away, back = outages[0].kind, False, list[Event]()
+    for event in of_link:
+        if event.kind == kind:
+            is_away = True
+        elif event.kind in BACK and is_away:
+            is_away = False
+            back.append(event)
+    began = "" if len(outages) == 1 else " first"
+    if outages[0].time is not None:
+        began += f" at {outages[0].time:%Y-%m-%d %H:%M:%S} UTC"
+    return f"This was{began}; the station was {_back_text(back, is_away=is_away)}."
+
+
+def _back_text(back: Sequence[Event], *, is_away: bool) -> str:
+    if not back:
+        return "not back when sampling ended"
+    lengths = [event.value for event in back if event.value is not None]
+    after = f" after {sum(lengths):.1f} s" if len(lengths) == len(back) else ""
+    if len(back) == 1:
+        text = f"back{after}"
+    else:
+        often = f"{len(back)} times" if is_away else "each time"
+        text = f"back {often}{',' if after else ''}{after}{' in all' if after else ''}"
+    return f"{text}, but not when sampling ended" if is_away else text
 
 
 def _deviates(event: Event) -> bool:

@@ -287,7 +287,70 @@ def test_the_verdict_lists_what_is_not_as_planned(
     assert judgement.verdict == verdict
     if verdict != "ACCEPT":
         assert rule(judgement, kind).observed == 3
-        assert rule(judgement, kind).text == "As it was."
+        assert rule(judgement, kind).text.startswith("As it was.")
+
+
+def at(seconds: int) -> dict[str, object]:
+    """The time of an event: that many seconds after the start of the run."""
+    return {"time": 1_000_000 * (1_790_000_000 + seconds)}
+
+
+@pytest.mark.parametrize(
+    ("after", "text"),
+    [
+        ([], "This was at 2026-09-21 14:13:25 UTC; the station was not back when sampling ended."),
+        (
+            [("link.back", 9, 4.25)],
+            "This was at 2026-09-21 14:13:25 UTC; the station was back after 4.2 s.",
+        ),
+        (
+            [("link.back", 9, 4.25), ("link.lost", 20, None), ("link.back", 30, 10.0)],
+            "This was first at 2026-09-21 14:13:25 UTC; the station was back each time, after"
+            " 14.2 s in all.",
+        ),
+        (
+            [("link.back", 9, 4.25), ("link.lost", 20, None)],
+            "This was first at 2026-09-21 14:13:25 UTC; the station was back after 4.2 s, but not"
+            " when sampling ended.",
+        ),
+        (
+            [
+                *[("link.back", 9, 4.0), ("link.lost", 20, None), ("link.back", 30, 10.0)],
+                ("link.lost", 40, None),
+            ],
+            "This was first at 2026-09-21 14:13:25 UTC; the station was back 2 times, after 14.0 s"
+            " in all, but not when sampling ended.",
+        ),
+    ],
+    ids=["never", "once", "twice", "not-the-second-time", "not-the-third-time"],
+)
+def test_an_outage_says_when_it_was_and_whether_the_station_came_back(
+    case: Any, tip: Callable[..., Any], after: list[tuple[str, int, float | None]], text: str
+) -> None:
+    """The events of another station do not count: `b` comes back, whatever `a` does."""
+    case.station("a", tip())
+    case.station("b", tip())
+    case.event("link.lost", "error", "a", text="It cannot be reached.", **at(5))
+    case.event("link.back", "info", "b", value=1.0, **at(6))
+    for kind, second, value in after:
+        severity = "info" if value else "error"
+        case.event(kind, severity, "a", text="As it was.", value=value, **at(second))
+    found = rule(judge(case.evidence(), {"a": ALL, "b": ALL}), "link.lost", None)
+    assert found.text == f"It cannot be reached. {text}"
+    assert found.observed == 1 + sum(kind == "link.lost" for kind, *_ in after)
+
+
+@pytest.mark.parametrize(
+    ("kind", "back"), [("link.flooded", "link.back"), ("robot.off", "robot.on")]
+)
+def test_each_kind_of_outage_says_that_the_station_came_back(
+    case: Any, tip: Callable[..., Any], kind: str, back: str
+) -> None:
+    case.station("a", tip())
+    case.event(kind, "error", "a", text="As it was.", **at(5))
+    case.event(back, "info", "a", value=2.0, **at(7))
+    text = rule(judge(case.evidence(), {"a": ALL}), kind, None).text
+    assert text.endswith("; the station was back after 2.0 s.")
 
 
 def test_a_port_without_a_tool_is_named_and_not_judged(case: Any, tip: Callable[..., Any]) -> None:
