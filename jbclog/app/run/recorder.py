@@ -13,7 +13,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -190,7 +190,8 @@ class Recorder:
         if self._wires is not None:
             self._wires.start()
         every = self._reactor.every
-        every(LOOK_EVERY_S, self._look, "Look at clock, disk and goals")
+        for look, what in self._looks():
+            every(LOOK_EVERY_S, look, what)
         every(LOOK_AT_PORTS_EVERY_S, self._sharers.look, "Look for other programs on the ports")
         every(RENEW_S, self._guarding.renew, "Sign of life to the guard")
         if self._units is not None:
@@ -255,13 +256,19 @@ class Recorder:
             jbclog=__version__,
         )
 
-    def _look(self) -> None:
-        self._freeze_sessions()
-        self._look_at_clock()
-        self._note_captures()
-        self._note_sharers()
-        self._run_record.look()
-        self._goals.look()
+    def _looks(self) -> Iterator[tuple[Callable[[], None], str]]:
+        """Yield what is called each second, each with its name. They are called one by one: an
+        error in one must not keep the others from running.
+        """
+        yield self._freeze_sessions, "Freeze the sessions"
+        yield self._look_at_clock, "Look at the clock"
+        yield self._note_captures, "Look at the captures"
+        yield self._note_sharers, "Report other programs on the ports"
+        yield self._run_record.look, "Look at the disk"
+        yield self._goals.look, "Look at the goals"
+        yield self._show, "Show the run"
+
+    def _show(self) -> None:
         self._run_record.show(
             lambda: self._run_record.observer.second(self._contexts, self._goals.so_far())
         )
