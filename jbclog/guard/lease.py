@@ -25,6 +25,9 @@ NEW: Final = "lease.json.new"  # until it is renamed
 LOCK: Final = "guard.lock"
 LOCK_RETRY_S: Final = 0.02
 REGISTRY: Final = "jbclog/open-leases"
+NOT_THERE: Final = (
+    "{target} is not there, and its disk may not be mounted (if you removed it, remove {link}, too)"
+)
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
@@ -169,12 +172,14 @@ def _locked(folder: Path, end: float) -> int:
 
 # The registry is a folder in the user's state folder, with a link to each run that holds a lease,
 # so that a later start finds runs anywhere (`--out`). It may be incomplete, for example without a
-# home folder; the lease in the run's folder is authoritative.
+# home folder; the lease in the run's folder is authoritative. A run whose disk is not mounted is
+# not forgotten: its tools may be hot.
 
 
 class Leases(NamedTuple):
     """The folders of runs with open leases: `there`; and `away`, each with the reason, those that
-    may have one and cannot be looked at, as on a network mount that hangs.
+    may have one and cannot be looked at, as on a disk that is not mounted, or a network mount that
+    hangs.
     """
 
     there: list[Path]
@@ -182,18 +187,18 @@ class Leases(NamedTuple):
 
 
 def registered_runs() -> Leases:
-    """Return the folders of runs with open leases; links to removed folders are deleted."""
+    """Return the folders of runs with open leases; forget those that are proved to be removed."""
     registry, found = _registry(), Leases([], [])
     for link in [] if registry is None else _inside(registry):
         with suppress(OSError):
             target = link.readlink()
             why = _why_away(target)
-            if why is not None:
-                found.away.append((target, why))
-            elif target.is_dir():
+            if why is None and target.is_dir():
                 found.there.append(target)
-            else:
+            elif why is None and _is_removed(target, link):
                 link.unlink(missing_ok=True)
+            else:
+                found.away.append((target, why or NOT_THERE.format(target=target, link=link)))
     return found
 
 
@@ -247,17 +252,39 @@ def _register(folder: Path) -> None:
         return
     with suppress(OSError):
         registry.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _link(registry, folder).symlink_to(os.path.realpath(folder))
+        link = registry / f"{_link_name(folder)}.{_file_system(folder)}"
+        link.symlink_to(os.path.realpath(folder))
 
 
 def _unregister(folder: Path) -> None:
-    registry = _registry()
-    if registry is not None:
-        with suppress(OSError):
-            _link(registry, folder).unlink(missing_ok=True)
+    registry, name = _registry(), _link_name(folder)
+    for link in [] if registry is None else _inside(registry):
+        if link.stem == name:
+            with suppress(OSError):
+                link.unlink(missing_ok=True)
 
 
-def _link(registry: Path, folder: Path) -> Path:
-    """Return the link of a run; its checksum separates runs of one name in two folders."""
+def _link_name(folder: Path) -> str:
+    """Return the name of a run's link without its file system; the checksum separates runs of one
+    name in two folders.
+    """
     path = os.path.realpath(folder)
-    return registry / f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"
+    return f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"
+
+
+def _is_removed(target: Path, link: Path) -> bool:
+    """Whether the file system that held the run's folder is still there, without the folder. Its
+    number is the end of the link's name; elsewhere, as at the point where a disk is not mounted,
+    there is another file system.
+    """
+    with suppress(OSError):
+        above = next(folder for folder in target.parents if folder.is_dir())
+        return link.suffix == f".{_file_system(above)}"
+    return False
+
+
+def _file_system(folder: Path) -> str:
+    """Return the number of the file system, which a restart does not change on most; unlike that of
+    the device. Raises OSError.
+    """
+    return f"{os.statvfs(folder).f_fsid:x}"

@@ -31,6 +31,7 @@ from support.oracles.invariants import Ended, violations
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
 
+pytestmark = pytest.mark.usefixtures("own_state")  # no other test is to name these disks
 SEED = random.randrange(1 << 32)
 TOOLS = 6
 SAFE_S = 5.0  # from the first failed commit, which comes within a second

@@ -19,7 +19,8 @@ import pytest
 
 from jbclog import open_run
 from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import read_leases, registered_runs
+from jbclog.guard.lease import StationLease, read_leases, registered_runs, write_leases
+from jbclog.guard.open_leases import settle
 from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.guard_actions import ACTION_LOG as DIARY
@@ -156,6 +157,26 @@ def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(
     assert {
         state for facts in read_manifest(left_hot).stations for state in facts.safe_state.values()
     } == {"verified"}
+
+
+# -- a disk that is not mounted --------------------------------------------------------------------
+
+
+def test_a_run_on_a_disk_that_is_not_mounted_is_named(tmp_path: Path) -> None:
+    lease = StationLease(
+        "dde-1", "/dev/ttyX", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1,), False
+    )
+    with small_disk(tmp_path / "disk", "1m") as disk:
+        folder = disk / "run"
+        folder.mkdir()
+        write_leases(folder, [lease])
+        assert registered_runs() == ([folder], [])
+    assert (tmp_path / "disk").is_dir()
+    ((away, why),) = registered_runs().away
+    assert (away, "is not there, and its disk may not be mounted" in why) == (folder, True)
+    (left,) = settle(tmp_path, ["/dev/ttyX"], lambda _: False)
+    assert not left.is_safe
+    assert "whether run run left tools hot is not known" in left.text
 
 
 # -- a full disk -----------------------------------------------------------------------------------

@@ -104,6 +104,7 @@ class Watcher:
         return run
 
 
+@pytest.mark.usefixtures("own_state")
 def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
     with (
         ServedLine(tmp_path, logs=True) as line,

@@ -190,6 +190,64 @@ def test_open_leases_are_found_wherever_their_runs_lie(
     assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
 
 
+def test_a_run_whose_disk_is_not_mounted_is_named_until_it_is_mounted_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was put on the disk is moved away and back; the empty mount point belongs to another
+    file system.
+    """
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    disk, elsewhere = tmp_path / "disk", tmp_path / "elsewhere"
+    folder = disk / "runs" / "run"
+    folder.mkdir(parents=True)
+
+    def file_system(place: Path) -> str:
+        return "d15c" if place.is_relative_to(disk) and (disk / "runs").exists() else "4007"
+
+    monkeypatch.setattr(leases, "_file_system", file_system)
+    write_leases(folder, [lease("a")])
+    (link,) = (tmp_path / "state" / "jbclog" / "open-leases").iterdir()
+    (disk / "runs").rename(elsewhere)
+    (away,) = registered_runs().away
+    assert away[0] == folder
+    assert away[1] == (
+        f"{folder} is not there, and its disk may not be mounted (if you removed it, remove {link},"
+        " too)"
+    )
+    assert registered_runs() == ([], [away])
+    disk.rmdir()  # as the mount point of a removable disk
+    assert registered_runs() == ([], [away])
+    disk.mkdir()
+    elsewhere.rename(disk / "runs")
+    assert registered_runs() == ([folder], [])
+    shutil.rmtree(folder)
+    assert registered_runs() == ([], [])
+    assert not link.is_symlink()
+
+
+def test_a_run_is_forgotten_with_the_folder_that_held_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    folder = tmp_path / "out" / "run"
+    folder.mkdir(parents=True)
+    write_leases(folder, [lease("a")])
+    shutil.rmtree(folder.parent)
+    assert registered_runs() == ([], [])
+
+
+def test_a_lease_is_closed_also_where_the_file_system_has_another_number_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    write_leases(tmp_path, [lease("a")])
+    monkeypatch.setattr(leases, "_file_system", lambda _: "0")
+    write_leases(tmp_path, [lease("a"), lease("b")])
+    assert {*registered_runs().there} == {tmp_path}
+    write_leases(tmp_path, [])
+    assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
+
+
 def test_one_that_cannot_be_looked_at_is_told_and_hides_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
