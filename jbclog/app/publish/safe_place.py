@@ -14,7 +14,7 @@ import secrets
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from threading import Barrier
+from threading import Barrier, BrokenBarrierError
 from typing import TYPE_CHECKING, Final
 
 import pyarrow as pa
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 PROBE: Final = "_probe-"
 WRITERS: Final = 4
 ROUNDS: Final = 2
+STARTS_S: Final = 30.0  # a thread that is refused memory as it starts never arrives
 GONE_OR_FULL: Final = (
     errno.ENOSPC,
     errno.EDQUOT,
@@ -109,19 +110,29 @@ def _race(place: Place, name: str) -> None:
 
     with explained(place.url):
         DeltaTable.create(place.of(name), SCHEMA, storage_options=place.options)
-    tables, start = [place.table(name) for _ in range(WRITERS)], Barrier(WRITERS)
+    tables = [place.table(name) for _ in range(WRITERS)]
+    start = Barrier(WRITERS, timeout=STARTS_S)
 
     def commit(table: DeltaTable) -> None:
         from deltalake import CommitProperties
 
-        start.wait()
+        try:
+            start.wait()
+        except BrokenBarrierError:
+            raise StoreError(
+                f"{place}: whether commits exclude each other was not tried: of {WRITERS} threads"
+                f" at least one did not start within {STARTS_S:g} s"
+            ) from None
         with explained(place.url):
             table.create_write_transaction(
                 [], "append", SCHEMA, commit_properties=CommitProperties(max_commit_retries=20)
             )
 
     with ThreadPoolExecutor(WRITERS) as pool:
-        [*pool.map(commit, tables)]
+        try:
+            [*pool.map(commit, tables)]
+        finally:
+            start.abort()  # where not all could be started, the others must not wait for them
     last = place.table(name).version()
     if last != WRITERS:
         lost = f"of {WRITERS} commits at once {WRITERS - last} were overwritten"

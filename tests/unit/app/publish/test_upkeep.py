@@ -11,9 +11,11 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import timedelta
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -215,6 +217,41 @@ def test_a_check_in_the_midst_of_a_trial_does_not_disturb_it(
     with Publisher(place) as one:
         assert one.publish(runs[0]).result is Result.THERE
     assert [one.removed for one in asked] == [[]] * safe_place.ROUNDS
+    assert [*Path(place.url).glob("_probe*")] == []
+
+
+def test_a_trial_does_not_wait_for_a_writer_that_never_starts(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread that is refused memory in its first lines ends without an error."""
+    monkeypatch.setattr(safe_place, "STARTS_S", 0.2)
+    monkeypatch.setattr(
+        safe_place, "ThreadPoolExecutor", lambda threads: ThreadPoolExecutor(threads - 1)
+    )
+    with pytest.raises(StoreError, match=r"of 4 threads at least one did not start within 0\.2 s"):
+        safe_place.expect_safe(place)
+    assert [*Path(place.url).glob("_probe*")] == []
+
+
+def test_a_trial_whose_threads_cannot_be_started_ends_at_once(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Refused(ThreadPoolExecutor):
+        """The system refuses the last thread."""
+
+        left = safe_place.WRITERS - 1
+
+        def submit(self, *given: Any, **named: Any) -> Future[Any]:
+            if not self.left:
+                raise RuntimeError("can't start new thread")
+            self.left -= 1
+            return super().submit(*given, **named)
+
+    monkeypatch.setattr(safe_place, "ThreadPoolExecutor", Refused)
+    began = time.monotonic()
+    with pytest.raises(RuntimeError, match="can't start new thread"):
+        safe_place.expect_safe(place)
+    assert time.monotonic() - began < safe_place.STARTS_S / 2
     assert [*Path(place.url).glob("_probe*")] == []
 
 
