@@ -28,10 +28,14 @@ CREDENTIALS: Final = (
 )
 NOTHING: Final = "_nothing"  # no table has this name
 MOST_SAID: Final = 100
+LOADS_S: Final = 60.0  # for the library: a home folder on a network may be slow, or hang
 ASK: Final = """
-import json, signal, sys
-from deltalake import DeltaTable
+import signal, sys
 signal.signal(signal.SIGALRM, signal.SIG_DFL)
+signal.setitimer(signal.ITIMER_REAL, float(sys.argv[4]))
+import json
+from deltalake import DeltaTable
+print("loaded", flush=True)
 signal.setitimer(signal.ITIMER_REAL, float(sys.argv[1]))
 DeltaTable.is_deltatable(sys.argv[2], json.loads(sys.argv[3]))
 """
@@ -49,18 +53,23 @@ def _ask(store: str, options: str, endpoint: str) -> None:
     """Ask once: one that has answered may be slow later."""
     folder = f"{store.rstrip('/')}/{NOTHING}"
     ended = subprocess.run(
-        [sys.executable, "-P", "-c", ASK, str(ANSWERS_S), folder, options],
+        [sys.executable, "-P", "-c", ASK, str(ANSWERS_S), folder, options, str(LOADS_S)],
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
         check=False,
     )
-    if ended.returncode == -signal.SIGALRM:
+    if ended.returncode != -signal.SIGALRM:
+        return
+    if not ended.stdout:
         raise StoreError(
-            f"{store}: its server{_named(endpoint)} does not answer within {ANSWERS_S:g} s"
-            f"{'' if os.environ.get(KEY) else CREDENTIALS}"
+            f"{store}: its server was not asked: deltalake did not load within {LOADS_S:g} s"
         )
+    raise StoreError(
+        f"{store}: its server{_named(endpoint)} does not answer within {ANSWERS_S:g} s"
+        f"{'' if os.environ.get(KEY) else CREDENTIALS}"
+    )
 
 
 def _named(endpoint: str) -> str:

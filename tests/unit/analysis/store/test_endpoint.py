@@ -16,7 +16,10 @@ from jbclog.core.errors import StoreError
 from support.faults.silent_servers import LATER, NO_ANSWER, PROXIES, SERVERS, SilentServer
 
 PLACE = place_of("s3://plant-runs/soldering")
-HANGS = "import signal, sys, time; signal.setitimer(0, float(sys.argv[1])); time.sleep(60)"
+HANGS = (
+    'import signal, sys, time; print("loaded", flush=True);'
+    " signal.setitimer(0, float(sys.argv[1])); time.sleep(60)"
+)
 LONG_S = 30.0  # on a busy machine
 
 
@@ -74,6 +77,20 @@ def test_a_publisher_does_not_ask_again_to_remove_what_it_has_not_written(
     with pytest.raises(StoreError, match="does not answer"):
         expect_safe(PLACE)
     assert len(asked) == 1
+
+
+def test_a_library_that_hangs_as_it_is_loaded_is_an_error_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a home folder on a network; the server is not blamed for that."""
+    (tmp_path / "deltalake.py").write_text("import time; time.sleep(600)", "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(endpoint, "LOADS_S", 0.3)
+    with pytest.raises(StoreError) as hung:
+        PLACE.expect_answer()
+    assert str(hung.value) == (
+        f"{PLACE}: its server was not asked: deltalake did not load within 0.3 s"
+    )
 
 
 @pytest.mark.usefixtures("hanging")
