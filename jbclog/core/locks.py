@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.foreign.files import Kind, NotReadable, open_foreign
 from jbclog.core.foreign.json_reader import read_json
 
 
@@ -40,10 +40,12 @@ def try_lock(path: Path) -> int | None:
 
 
 def is_locked(path: Path) -> bool:
-    """Return True if a process holds the lock at `path`. Creates nothing. Raises OSError."""
+    """Return True if a process holds the lock at `path`. A pipe, a folder or a long file of that
+    name is no lock of jbclog: nobody holds it. Creates nothing. Raises OSError.
+    """
     try:
         file = open_foreign(path, Kind.LOCK)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotReadable):
         return False
     with file:
         try:
@@ -210,7 +212,7 @@ def _status_field(folder: Path, key: str) -> float:
 
 
 def is_held(folder: Path) -> bool:
-    """Return True if a process is writing to the folder."""
+    """Return True if a process is writing to the folder. Raises OSError."""
     return is_locked(folder / NAME)
 
 

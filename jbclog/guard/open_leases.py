@@ -62,9 +62,7 @@ def _not_known(folder: Path, why: str, then: str = "") -> LeftOver:
 
 
 def _goes_on(folder: Path, is_recording: IsRecording) -> bool:
-    """Whether a run is in progress. Where its lock is no file, or may not be read, the lock of its
-    guard decides.
-    """
+    """Whether a run is in progress. Where its lock may not be read, that of its guard decides."""
     with suppress(OSError):
         return is_recording(folder)
     return False

@@ -17,7 +17,6 @@ from contextlib import closing
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import NotReadable
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import holder_pid, is_held, processes
 from jbclog.core.serial_line import PortAddress, port_address
@@ -36,7 +35,7 @@ def runs_in_progress() -> Iterator[Path]:
     seen: set[Path] = set()
     for process in processes():
         for folder in _folders_of(process):
-            if folder not in seen and _is_recorded(folder):
+            if folder not in seen and is_held(folder):
                 seen.add(folder)
                 yield folder
 
@@ -49,7 +48,7 @@ def runs_that_hold(urls: Collection[str]) -> list[Path]:
 
 def holds(folder: Path, urls: Collection[str]) -> bool:
     """Return True if the run in `folder` is in progress and holds any of the ports at `urls`."""
-    return _is_recorded(folder) and _holds(folder, [port_address(url) for url in urls])
+    return is_held(folder) and _holds(folder, [port_address(url) for url in urls])
 
 
 def why_held(urls: Mapping[str, str]) -> dict[str, str]:
@@ -88,13 +87,6 @@ def _folders_of(process: int) -> Iterator[Path]:
                 opened = Path(os.readlink(descriptor.path))  # noqa: PTH115  # scandir gives no Path
                 if opened.name == LOCK and opened.exists():
                     yield opened.parent
-
-
-def _is_recorded(folder: Path) -> bool:
-    """Return True if a recorder holds the folder's lock. A pipe of that name is not a lock."""
-    with contextlib.suppress(NotReadable):
-        return is_held(folder)
-    return False
 
 
 def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, Literal
 
 from jbclog.app.batch.store import ADD_EVENT, BatchStore
-from jbclog.core.foreign.files import Kind, NotReadable, open_to_write, read_foreign
+from jbclog.core.foreign.files import Kind, open_to_write, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
@@ -111,10 +111,7 @@ class JobDir:
 
     def is_running(self) -> bool:
         """Return whether the job's process is alive, by the lock that it holds."""
-        try:
-            return is_locked(self.folder / LOCK)
-        except NotReadable:
-            return False
+        return is_locked(self.folder / LOCK)
 
     def process(self) -> int | None:
         """Return the id of the job's process; None until the process has written it."""

@@ -4,6 +4,8 @@ and no further.
 
 from __future__ import annotations
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,11 +13,12 @@ from types import SimpleNamespace
 import pytest
 
 from jbclog.core.foreign import files
-from jbclog.core.foreign.files import NotReadable
+from jbclog.core.locks import NAME as LOCK
+from jbclog.core.locks import is_held
 from jbclog.guard import lease, open_leases
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, guard_lock, read_leases, write_leases
-from jbclog.guard.open_leases import LeftOver, Seen, close, settle
+from jbclog.guard.open_leases import IsRecording, LeftOver, Seen, close, settle
 from support.faults.guarded import actions_in
 
 URL = "/dev/no1"
@@ -141,18 +144,21 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
     assert "Read-only file system" in settled[0].text
 
 
-def test_a_run_whose_lock_is_no_file_keeps_nobody(
-    run: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def is_pipe(_: Path) -> bool:
-        raise NotReadable("is a pipe, not a file")
+def may_not_be_read(folder: Path) -> bool:
+    raise PermissionError(errno.EACCES, "Permission denied", folder)
 
+
+@pytest.mark.parametrize("is_recording", [is_held, may_not_be_read])
+def test_a_run_whose_lock_is_no_file_or_may_not_be_read_keeps_nobody(
+    run: Path, monkeypatch: pytest.MonkeyPatch, is_recording: IsRecording
+) -> None:
+    os.mkfifo(run / LOCK)
     seen = {LEASE: SAFE}
-    assert close([URL], seen.get, is_pipe, "jbclog safe") == [run]
+    assert close([URL], seen.get, is_recording, "jbclog safe") == [run]
     monkeypatch.setattr(open_leases, "_take_over", lambda folder, *_: LeftOver(True, folder.name))
-    assert settle(run.parent, [OTHER.url], is_pipe) == [LeftOver(True, "run")]
+    assert settle(run.parent, [OTHER.url], is_recording) == [LeftOver(True, "run")]
     (run / lease.NAME).write_text("{", encoding="utf-8")
-    (left,) = settle(run.parent, [OTHER.url], is_pipe)
+    (left,) = settle(run.parent, [OTHER.url], is_recording)
     assert left.text.endswith("Make them safe with `jbclog safe`, then remove that file.")
 
 

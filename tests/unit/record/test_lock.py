@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,12 @@ def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
     assert not is_held(tmp_path)
     FolderLock.take(tmp_path, 0.0).remove()
     assert list(tmp_path.iterdir()) == []
+    assert not is_held(tmp_path)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["pipe", "folder"])
+def test_what_is_no_file_is_held_by_nobody(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / NAME)
     assert not is_held(tmp_path)
 
 

@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -16,8 +17,10 @@ from jbclog.app.batch.job_dir import JobDir, JobProgress
 from jbclog.app.batch.journal import Journal, begin
 from jbclog.app.batch.single_batch import LOCK
 from jbclog.app.batch.state import Entry, EntryKind
+from jbclog.app.watch import batch_queue
 from jbclog.app.watch.batch_queue import BatchQueue, QueuedJob, QueueFollower
 from jbclog.app.watch.words import queue_lines
+from jbclog.core.locks import is_locked
 
 UTC_S = 1_790_000_000.0
 
@@ -72,11 +75,29 @@ def test_a_batch_that_nobody_carries_out_is_not_shown(journal: Journal, tmp_path
     assert QueueFollower(tmp_path / "none").poll() == ()
 
 
-def test_a_batch_whose_lock_is_no_file_hides_no_other(journal: Journal, tmp_path: Path) -> None:
+def test_a_batch_whose_lock_is_no_file_is_carried_out_by_nobody(
+    journal: Journal, tmp_path: Path
+) -> None:
     (tmp_path / "bad.batch").mkdir()
     os.mkfifo(tmp_path / "bad.batch" / LOCK)
     assert [queue.text for queue in QueueFollower(tmp_path).poll()] == [
-        "batch bad: its queue cannot be read now: is a pipe, not a file",
+        "batch night: 1 of 3 jobs have ended"
+    ]
+
+
+def test_a_batch_whose_lock_may_not_be_read_hides_no_other(
+    journal: Journal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bad.batch").mkdir()
+
+    def locked(path: Path) -> bool:
+        if path.parent.name == "bad.batch":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return is_locked(path)
+
+    monkeypatch.setattr(batch_queue, "is_locked", locked)
+    assert [queue.text for queue in QueueFollower(tmp_path).poll()] == [
+        "batch bad: its queue cannot be read now: Permission denied",
         "batch night: 1 of 3 jobs have ended",
     ]
 
