@@ -279,6 +279,34 @@ def test_an_outage_leaves_its_rows_and_says_that_the_station_may_be_another() ->
     assert_account_holds(run)
 
 
+@pytest.mark.parametrize(
+    ("for_s", "outcome", "reason"),
+    [
+        (
+            3.0,
+            "completed",
+            "ended by SIGTERM while it did not answer; it answered again after that",
+        ),
+        (1000.0, "gone", "omega-1: not reachable when the run ended"),
+    ],
+    ids=["late", "gone"],
+)
+def test_one_that_was_only_late_when_the_run_was_ended_is_not_gone(
+    for_s: float, outcome: str, reason: str
+) -> None:
+    """It has no safe state to confirm; an answer within the time that a run gives at its own end
+    shows that it is there.
+    """
+    sim = "turnaround_ms = 20" + fault("dropout", at_s=5, for_s=for_s)
+    run = prepared(sim, duration_s=None)
+    run.at(6.5, lambda: run.driver.end("ended by SIGTERM"))
+    run.go()
+    assert (run.facts.outcome, run.facts.reason) == (outcome, reason)
+    assert len(run.memory.of_kind("station.gone")) == (outcome == "gone")
+    assert run.memory.of_kind("link.lost")
+    assert_account_holds(run)
+
+
 def test_nobody_there() -> None:
     run = prepared(fault("silence"), duration_s=10).go()
     assert run.facts.outcome == "gone"

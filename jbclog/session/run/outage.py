@@ -68,7 +68,7 @@ def _bridge(context: SessionContext, sampler: Sampler, tick: int, lost: StationL
         pause = next_pause_s(context, pause)
         seek_at = context.now + pause
     over = context.now
-    if (yield from _seek_at_end(context, reopen=why == LinkError.reason)):
+    if (yield from seek_at_end(context, reopen=why == LinkError.reason)):
         _resume(context, began, why, held)
         return tick
     silent_s, waited_s = context.now - last_heard, context.now - over
@@ -78,9 +78,9 @@ def _bridge(context: SessionContext, sampler: Sampler, tick: int, lost: StationL
     )
 
 
-def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
+def seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
     """Try to reconnect for `SEEK_AT_END_S`, the last chance of a station that is late at the run's
-    end.
+    end; return True if it is there.
 
     Tries a flooded link once.
     """

@@ -19,7 +19,7 @@ from jbclog.core.errors import (
     cause,
     unexpected_error_text,
 )
-from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded, Steps
+from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded, Steps, Wait
 from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.session.run.apply import apply, apply_status, examine
@@ -30,7 +30,7 @@ from jbclog.session.run.counters import read_counters
 from jbclog.session.run.identify import StationAbsent, identify
 from jbclog.session.run.link_loss import report_flood
 from jbclog.session.run.omega_states import unreported_states_text
-from jbclog.session.run.outage import StationGone, outage
+from jbclog.session.run.outage import StationGone, outage, seek_at_end
 from jbclog.session.run.pace import SamplingPlan, chosen_text, measure_pace
 from jbclog.session.run.safe import make_safe
 from jbclog.session.run.sampling import Sampler, StationLost
@@ -240,26 +240,29 @@ def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:
 def _close(context: SessionContext) -> Steps[None]:
     at_work = [port for port in context.ports.values() if is_at_work(context, port)]
     yield from _make_safe_uninterrupted(context)
-    _note_return(context)
+    yield from _note_return(context)
     if context.connected and not isinstance(context.journal, NoJournal):
         yield from _read_last(context, at_work)
     _report_end(context)
     context.publish()
 
 
-def _note_return(context: SessionContext) -> None:
+def _note_return(context: SessionContext) -> Steps[None]:
     """Count a station as there that was away when the run was ended, and confirmed since then that
-    its tools are safe. A run that reaches its own end waits for one (`outage.py`); here hot tools
-    come first.
+    its tools are safe. One without a touched tool, as each OMEGA, can only answer: it is given the
+    time that a run gives at its own end (`outage.py`). Hot tools come first.
     """
     facts = context.facts
     if context.away_when is None or facts.outcome != StationOutcome.GONE:
         return
-    if facts.safe_state and not facts.unsafe:
+    if facts.safe_state:
+        is_back, how = not facts.unsafe, "confirmed its safe state"
+    else:
+        context.station.unasked((yield Wait(0.0)))  # the end may have come in a long wait
+        is_back, how = (yield from seek_at_end(context, reopen=True)), "answered again"
+    if is_back:
         context.connected, facts.outcome = True, StationOutcome.COMPLETED
-        facts.reason = (
-            f"{context.away_when} while it did not answer; it confirmed its safe state after that"
-        )
+        facts.reason = f"{context.away_when} while it did not answer; it {how} after that"
 
 
 def _read_last(context: SessionContext, at_work: list[PortState]) -> Steps[None]:
