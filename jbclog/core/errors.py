@@ -37,13 +37,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jbclog.core.text import clean
+
 
 class JbclogError(Exception):
     """Base class. `exit_code` is that of a command that ends by this error
     (docs/reference/exit-codes.md).
+
+    Its text is one clean line: it may repeat names of others, and Python prints it as it is, in
+    tracebacks and notebooks.
     """
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return clean(super().__str__())
 
 
 class UsageError(JbclogError):
@@ -67,11 +75,14 @@ class Problem:
 
 
 class Problems(UsageError):
-    """All problems of the given files."""
+    """All problems of the given files; its text has a line for each."""
 
     def __init__(self, problems: list[Problem]) -> None:
         super().__init__("\n".join(str(problem) for problem in problems))
         self.problems = problems
+
+    def __str__(self) -> str:
+        return "\n".join(clean(str(problem)) for problem in self.problems)
 
 
 class LinkError(JbclogError, OSError):

@@ -1,5 +1,5 @@
 """Text from outside makes no line of its own, on any way out: terminal, CSV, JSON lines, the
-guard's words, a finding, a warning of the Python API.
+guard's words, a finding, a warning or an error of the Python API.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,15 @@ import jbclog
 from jbclog.analysis.run import Run
 from jbclog.cli import output
 from jbclog.cli.app import NO_FILES as NO_FILES_TEXT
+from jbclog.core.errors import (
+    AnswerTimeout,
+    JbclogError,
+    LinkError,
+    Problem,
+    Problems,
+    RecordError,
+    UsageError,
+)
 from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest, write_manifest
@@ -127,6 +137,21 @@ def test_a_warning_is_one_line(tmp_path: Path, read: Callable[[Path], None]) -> 
         read(tmp_path / HOSTILE_NAME)
     texts = [str(one.message) for one in warned]
     assert texts == [clean(text) for text in texts]
+
+
+@given(HOSTILE)
+def test_an_error_of_the_python_api_is_one_line(text: str) -> None:
+    for kind in (UsageError, RecordError, LinkError, AnswerTimeout):
+        assert str(kind(f"x{text}")) == clean(f"x{text}")
+    problem = Problem(text, 1, text, text)
+    assert str(Problems([problem, problem])).split("\n") == [clean(str(problem))] * 2
+
+
+def test_a_traceback_shows_a_hostile_name_as_text(tmp_path: Path) -> None:
+    with pytest.raises(JbclogError, match="UserWarning: all is well") as missing:
+        jbclog.open_run(tmp_path / HOSTILE_NAME)
+    (line,) = traceback.format_exception_only(missing.value)
+    assert line.removesuffix("\n") == clean(line.removesuffix("\n"))
 
 
 def test_every_warning_is_cleaned() -> None:
