@@ -86,10 +86,11 @@ def test_a_library_that_hangs_as_it_is_loaded_is_an_error_too(
     (tmp_path / "deltalake.py").write_text("import time; time.sleep(600)", "utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(endpoint, "LOADS_S", 0.3)
+    asked = place_of("s3://plant-runs/not-asked-before")
     with pytest.raises(StoreError) as hung:
-        PLACE.expect_answer()
+        asked.expect_answer()
     assert str(hung.value) == (
-        f"{PLACE}: its server was not asked: deltalake did not load within 0.3 s"
+        f"{asked}: its server was not asked: deltalake did not load within 0.3 s"
     )
 
 
