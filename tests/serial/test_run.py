@@ -216,6 +216,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     assert until(lambda: subprocess.run(["umount", folder], check=False).returncode == 0)
 
 
+@pytest.mark.usefixtures("own_state")  # no other test is to name this disk
 def test_a_full_disk_ends_the_run_with_the_tools_safe(
     bench: Bench, tmp_path: Path, small_disk: Path
 ) -> None:
