@@ -15,6 +15,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+import pytest
+
 from jbclog.analysis.run import open_run
 from jbclog.live import Condition, Follower, Phase, RunState
 from jbclog.record.check import check
