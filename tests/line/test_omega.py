@@ -8,7 +8,7 @@ from bisect import bisect_left, bisect_right
 
 import pytest
 
-from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, Severity
+from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, Severity, StationFacts
 from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature
 from jbclog.sim.virtual import Reply
 from support.oracles.account import assert_account_holds, reasons_in
@@ -295,13 +295,21 @@ def test_one_that_was_only_late_when_the_run_was_ended_is_not_gone(
     for_s: float, outcome: str, reason: str
 ) -> None:
     """It has no safe state to confirm; an answer within the time that a run gives at its own end
-    shows that it is there.
+    shows that it is there. Until then it counts as gone, so that `jbclog safe` does not wait.
     """
     sim = "turnaround_ms = 20" + fault("dropout", at_s=5, for_s=for_s)
-    run = prepared(sim, duration_s=None)
+    run, published = prepared(sim, duration_s=None), list[str]()
+    keep = run.memory.facts
+
+    def noted(facts: StationFacts) -> None:
+        published.append(facts.outcome)
+        keep(facts)
+
+    run.memory.facts = noted  # type: ignore[method-assign]
     run.at(6.5, lambda: run.driver.end("ended by SIGTERM"))
     run.go()
     assert (run.facts.outcome, run.facts.reason) == (outcome, reason)
+    assert ("gone" in published, published[-1]) == (True, outcome)
     assert len(run.memory.of_kind("station.gone")) == (outcome == "gone")
     assert run.memory.of_kind("link.lost")
     assert_account_holds(run)
