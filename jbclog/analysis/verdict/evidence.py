@@ -8,9 +8,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Final
+
+import pyarrow as pa
 
 from jbclog.analysis.verdict.reached import Targets
 from jbclog.core.foreign.tables import open_table
@@ -122,15 +123,15 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """The fields of an event that a verdict needs. `time` is UTC."""
+    """The fields of an event that a verdict needs. `time` is UTC in µs."""
 
     kind: str
     severity: str
     station: str | None
     port: int | None
     text: str
-    time: datetime | None = None
-    value: float | None = None
+    time: int | None
+    value: float | None
 
 
 def read_events(folder: Path) -> list[Event]:
@@ -142,8 +143,8 @@ def read_events(folder: Path) -> list[Event]:
             _text(row["station"]),
             _number(row["port"]),
             str(row["text"]),
-            time if isinstance(time := row["time"], datetime) else None,
-            value if isinstance(value := row["value"], float) else None,
+            _number(row["time"]),
+            _figure(row["value"]),
         )
         for row in _rows(folder / "events", EVENT_COLUMNS)
     ]
@@ -206,7 +207,15 @@ def _rows(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:
     for part in sorted(table.glob("part-*.parquet")):
         with open_table(part) as opened:
             for batch in opened.batches(ROWS_AT_ONCE, columns):
-                yield from batch.to_pylist()
+                yield from _with_whole_time(batch).to_pylist()
+
+
+def _with_whole_time(rows: pa.RecordBatch) -> pa.RecordBatch:
+    """Return the rows with `time` in µs: pyarrow makes no datetime where the system has no time
+    zones, as in a small container.
+    """
+    place = rows.schema.get_field_index("time")
+    return rows if place < 0 else rows.set_column(place, "time", rows[place].cast(pa.int64()))
 
 
 def _text(value: object) -> str | None:
@@ -215,3 +224,7 @@ def _text(value: object) -> str | None:
 
 def _number(value: object) -> int | None:
     return value if isinstance(value, int) else None
+
+
+def _figure(value: object) -> float | None:
+    return value if isinstance(value, float) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from time import gmtime, strftime
 from typing import TYPE_CHECKING, Final
 
 from jbclog.analysis.verdict.acceptance import (
@@ -305,7 +306,7 @@ def _outages_text(outages: Sequence[Event], of_link: Sequence[Event]) -> str:
             back.append(event)
     began = "" if len(outages) == 1 else " first"
     if outages[0].time is not None:
-        began += f" at {outages[0].time:%Y-%m-%d %H:%M:%S} UTC"
+        began += strftime(" at %Y-%m-%d %H:%M:%S UTC", gmtime(outages[0].time // 1_000_000))
     return f"This was{began}; the station was {_back_text(back, is_away=is_away)}."
 
 
@@ -313,12 +314,9 @@ def _back_text(back: Sequence[Event], *, is_away: bool) -> str:
     if not back:
         return "not back when sampling ended"
     lengths = [event.value for event in back if event.value is not None]
-    after = f" after {sum(lengths):.1f} s" if len(lengths) == len(back) else ""
-    if len(back) == 1:
-        text = f"back{after}"
-    else:
-        often = f"{len(back)} times" if is_away else "each time"
-        text = f"back {often}{',' if after else ''}{after}{' in all' if after else ''}"
+    text = "back"
+    if len(lengths) == len(back):
+        text += f" after {sum(lengths):.1f} s{' in all' if len(back) > 1 else ''}"
     return f"{text}, but not when sampling ended" if is_away else text
 
 

@@ -305,8 +305,7 @@ def at(seconds: int) -> dict[str, object]:
         ),
         (
             [("link.back", 9, 4.25), ("link.lost", 20, None), ("link.back", 30, 10.0)],
-            "This was first at 2026-09-21 14:13:25 UTC; the station was back each time, after"
-            " 14.2 s in all.",
+            "This was first at 2026-09-21 14:13:25 UTC; the station was back after 14.2 s in all.",
         ),
         (
             [("link.back", 9, 4.25), ("link.lost", 20, None)],
@@ -318,8 +317,8 @@ def at(seconds: int) -> dict[str, object]:
                 *[("link.back", 9, 4.0), ("link.lost", 20, None), ("link.back", 30, 10.0)],
                 ("link.lost", 40, None),
             ],
-            "This was first at 2026-09-21 14:13:25 UTC; the station was back 2 times, after 14.0 s"
-            " in all, but not when sampling ended.",
+            "This was first at 2026-09-21 14:13:25 UTC; the station was back after 14.0 s in all,"
+            " but not when sampling ended.",
         ),
     ],
     ids=["never", "once", "twice", "not-the-second-time", "not-the-third-time"],
