@@ -187,7 +187,9 @@ class Leases(NamedTuple):
 
 
 def registered_runs() -> Leases:
-    """Return the folders of runs with open leases; forget those that are proved to be removed."""
+    """Return the folders of runs with open leases; forget those whose disk is there without
+    them.
+    """
     registry, found = _registry(), Leases([], [])
     for link in [] if registry is None else _inside(registry):
         with suppress(OSError):
@@ -259,7 +261,7 @@ def _register(folder: Path) -> None:
 def _unregister(folder: Path) -> None:
     registry, name = _registry(), _link_name(folder)
     for link in [] if registry is None else _inside(registry):
-        if link.stem == name:
+        if name in (link.stem, link.name):  # the latter of earlier versions
             with suppress(OSError):
                 link.unlink(missing_ok=True)
 
@@ -284,7 +286,7 @@ def _is_removed(target: Path, link: Path) -> bool:
 
 
 def _file_system(folder: Path) -> str:
-    """Return the number of the file system, which a restart does not change on most; unlike that of
-    the device. Raises OSError.
+    """Return the number of the file system, which a restart does not change on most; that of its
+    device where it has none, as on a share. Raises OSError.
     """
-    return f"{os.statvfs(folder).f_fsid:x}"
+    return f"{os.statvfs(folder).f_fsid or folder.stat().st_dev:x}"

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -236,16 +237,27 @@ def test_a_run_is_forgotten_with_the_folder_that_held_it(
     assert registered_runs() == ([], [])
 
 
-def test_a_lease_is_closed_also_where_the_file_system_has_another_number_now(
+def test_a_lease_is_closed_also_where_its_link_has_another_name_now(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    write_leases(tmp_path, [lease("a")])
-    monkeypatch.setattr(leases, "_file_system", lambda _: "0")
-    write_leases(tmp_path, [lease("a"), lease("b")])
-    assert {*registered_runs().there} == {tmp_path}
-    write_leases(tmp_path, [])
-    assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
+    registry, folder = tmp_path / "state" / "jbclog" / "open-leases", tmp_path / "line.1"
+    folder.mkdir()
+    write_leases(folder, [lease("a")])
+    (link,) = registry.iterdir()
+    link.with_suffix("").symlink_to(folder)  # of an earlier version
+    monkeypatch.setattr(leases, "_file_system", lambda _: "0")  # as after a restart
+    write_leases(folder, [lease("a"), lease("b")])
+    assert registered_runs() == ([folder] * 3, [])
+    write_leases(folder, [])
+    assert list(registry.iterdir()) == []
+
+
+def test_a_file_system_without_a_number_is_known_by_its_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_fsid=0))
+    assert leases._file_system(tmp_path) == f"{tmp_path.stat().st_dev:x}"
 
 
 def test_one_that_cannot_be_looked_at_is_told_and_hides_no_other(
