@@ -103,8 +103,7 @@ def _unreadable(path: Path) -> str | None:
     try:
         read_through(path)
     except (pa.ArrowException, OSError, RecordError) as error:
-        # the folder may be moved
-        return "cannot be read: " + str(error).replace(str(path), path.name)
+        return f"cannot be read: {sealed_files.portable(error, path)}"
     return None
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
+from jbclog.core.text import clean
 from jbclog.record.capture import FOLDER, Head, Hole, holes, is_done, read_head, wire_paths
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import NAME, Manifest, wrong_digest
@@ -77,11 +78,11 @@ def losses(path: Path) -> Iterator[str]:
     try:
         head = read_head(path)
     except RecordError as error:
-        why = _portable(error, path)
+        why = portable(error, path)
     try:
         found = holes(path)
     except RecordError as error:
-        yield why or _portable(error, path)
+        yield why or portable(error, path)
         return
     if why and not any(hole.gap.is_refused for hole in found):
         yield why
@@ -90,9 +91,9 @@ def losses(path: Path) -> Iterator[str]:
         yield f"{len(found) - MOST_LOSSES} more stretches are damaged or missing"
 
 
-def _portable(error: RecordError, path: Path) -> str:
-    """Return the error's text without the folder, which may be moved."""
-    return str(error).replace(str(path), path.name)
+def portable(error: Exception, path: Path) -> str:
+    """Return the error's text without the folder of `path`, which may be moved."""
+    return clean(str(error)).replace(clean(str(path)), path.name)
 
 
 def ends_early(path: Path) -> bool:

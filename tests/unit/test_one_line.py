@@ -38,6 +38,7 @@ from jbclog.core.errors import (
 from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest, write_manifest
+from jbclog.record.sealed_files import portable
 from jbclog.report.write import write_report
 from support.invoked import invoked
 from support.readers.repository import parsed
@@ -152,6 +153,11 @@ def test_a_traceback_shows_a_hostile_name_as_text(tmp_path: Path) -> None:
         jbclog.open_run(tmp_path / HOSTILE_NAME)
     (line,) = traceback.format_exception_only(missing.value)
     assert line.removesuffix("\n") == clean(line.removesuffix("\n"))
+
+
+def test_a_text_without_its_folder_has_none_whatever_its_name(tmp_path: Path) -> None:
+    path = tmp_path / HOSTILE_NAME / "wire.tsv.gz"
+    assert portable(RecordError(f"{path} is damaged"), path) == "wire.tsv.gz is damaged"
 
 
 def test_every_warning_is_cleaned() -> None:
