@@ -258,8 +258,8 @@ def _note_return(context: SessionContext) -> Steps[None]:
     if facts.safe_state:
         is_back, how = not facts.unsafe, "confirmed its safe state"
     else:
-        context.publish()  # it counts as gone until then: `jbclog safe` does not wait for it
         context.station.unasked((yield Wait(0.0)))  # the end may have come in a long wait
+        context.publish()  # gone until it answers: `jbclog safe` does not wait for it
         is_back, how = (yield from seek_at_end(context, reopen=True)), "answered again"
     if is_back:
         context.connected, facts.outcome = True, StationOutcome.COMPLETED
