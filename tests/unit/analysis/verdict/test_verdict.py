@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import zoneinfo
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -350,6 +351,21 @@ def test_each_kind_of_outage_says_that_the_station_came_back(
     case.event(back, "info", "a", value=2.0, **at(7))
     text = rule(judge(case.evidence(), {"a": ALL}), kind, None).text
     assert text.endswith("; the station was back after 2.0 s.")
+
+
+def test_a_computer_without_time_zones_judges_too(
+    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a small container; pyarrow looks for UTC among them before it makes a datetime."""
+
+    def missing(name: str) -> None:
+        raise zoneinfo.ZoneInfoNotFoundError(name)
+
+    monkeypatch.setattr(zoneinfo, "ZoneInfo", missing)
+    case.station("a", tip())
+    case.event("link.lost", "error", "a", **at(5))
+    text = rule(judge(case.evidence(), {"a": ALL}), "link.lost", None).text
+    assert "at 2026-09-21 14:13:25 UTC" in text
 
 
 def test_a_port_without_a_tool_is_named_and_not_judged(case: Any, tip: Callable[..., Any]) -> None:
