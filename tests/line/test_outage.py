@@ -294,6 +294,18 @@ def test_one_that_was_only_late_when_the_run_was_ended_is_not_gone(kind: str, at
     assert_account_holds(run)
 
 
+def test_one_that_was_only_looked_at_is_let_go_at_once() -> None:
+    """`jbclog safe` may need its port, for tools that somebody else has heated."""
+    recipe = '[recipe]\nname = "look"\nrevision = 1\nfamilies = ["dde"]\n'
+    sim = "settings = {sleep_delay = 5, hibernation_delay = 30}"
+    run = prepare(line_text(sim + fault("dropout", at_s=4, for_s=2.0)), recipe, duration_s=None)
+    run.at(4.7, lambda: run.driver.end("ended by SIGTERM"))
+    run.go()
+    assert (run.facts.outcome, run.facts.touched) == ("gone", [])
+    assert run.driver.clock.monotonic() < run.t0 + 5
+    assert_account_holds(run)
+
+
 # -- found changed without any outage --------------------------------------------------------------
 
 

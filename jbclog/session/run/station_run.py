@@ -249,14 +249,15 @@ def _close(context: SessionContext) -> Steps[None]:
 
 def _note_return(context: SessionContext) -> Steps[None]:
     """Count a station as there that was away when the run was ended, and confirmed since then that
-    its tools are safe. One without a touched tool, as each OMEGA, can only answer: it is given the
-    time that a run gives at its own end (`outage.py`). Hot tools come first.
+    its tools are safe. One without a safe state, an OMEGA, can only answer: it is given the time
+    that a run gives at its own end (`outage.py`). Any other is let go: `jbclog safe` may need its
+    port for tools that this run did not touch.
     """
     facts = context.facts
     if context.away_when is None or facts.outcome != StationOutcome.GONE:
         return
-    if facts.safe_state:
-        is_back, how = not facts.unsafe, "confirmed its safe state"
+    if context.family.safe_states:
+        is_back, how = bool(facts.safe_state) and not facts.unsafe, "confirmed its safe state"
     else:
         context.station.unasked((yield Wait(0.0)))  # the end may have come in a long wait
         context.publish()  # gone until it answers: `jbclog safe` does not wait for it
