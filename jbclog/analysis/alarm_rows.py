@@ -33,9 +33,8 @@ COLUMNS: Final = [
     "temperature_c",
     "status",
     "set_c",
-    "alarm_high",
-    "alarm_low",
 ]
+FLAGS: Final = ["alarm_high", "alarm_low"]  # read if flags of any port are needed
 CLOCK_STEP: Final = "clock.step"
 
 

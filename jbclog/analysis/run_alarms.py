@@ -14,7 +14,14 @@ from typing import Final
 import pandas as pd
 import pyarrow as pa
 
-from jbclog.analysis.alarm_rows import COLUMNS, Place, PortSplitter, RunEvents, read_events
+from jbclog.analysis.alarm_rows import (
+    COLUMNS,
+    FLAGS,
+    Place,
+    PortSplitter,
+    RunEvents,
+    read_events,
+)
 from jbclog.analysis.alarms import (
     KIND,
     Detector,
@@ -252,7 +259,8 @@ def _sampled(
     sampled = dict[Place, SampledEpisodes]()
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
     ports = sum(len(facts.ports) for facts in known.values())
-    for piece in gathered(run.groups("samples", COLUMNS, coded=True), ports):
+    columns = [*COLUMNS, *(FLAGS if losing else ())]
+    for piece in gathered(run.groups("samples", columns, coded=True), ports):
         for place, rows, flags in splitter.split(piece):
             if place not in sampled:
                 facts = known.get(place[0])

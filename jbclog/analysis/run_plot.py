@@ -56,7 +56,7 @@ def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple
     """Return the ports that have samples, in the order of the line file."""
     t0_utc_us = run.manifest.t0_utc_us
     events = happenings(run.events(), t0_utc_us)
-    settings = run.settings()
+    limits = limits_of(run.settings(), t0_utc_us)
     joints = joints_of(run, station)
     found = []
     for facts in run.manifest.stations:
@@ -67,8 +67,9 @@ def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple
         for number, rows in run.samples(facts.name, port, columns=columns).groupby("port"):
             own, grid = int(str(number)), Grid(t0_utc_us, facts.period_s)
             one = trace(rows, grid, of_states=of_states, of_air=of_air)
-            limits = limits_of(settings, facts.name, own, t0_utc_us)
             marks = marks_of(events, facts.name, own)
             spans = spans_of(joints_of_port(joints, facts.name, own, OF_SPANS))
-            found.append((facts.name, own, replace(one, limits=limits, marks=marks, joints=spans)))
+            in_force = limits.get((facts.name, own), [])
+            drawn = replace(one, limits=in_force, marks=marks, joints=spans)
+            found.append((facts.name, own, drawn))
     return found

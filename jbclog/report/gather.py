@@ -6,8 +6,8 @@ from dataclasses import asdict
 
 import pyarrow as pa
 
-from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.figures.marks import happenings
+from jbclog.analysis.figures.canvas import styled, svg_text
+from jbclog.analysis.figures.marks import happenings, limits_of
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
@@ -30,11 +30,12 @@ def gather(run: Run, joints: Joints) -> Facts:
     verdict = verdict_facts(run.folder, manifest, measuring)
     pa.default_memory_pool().release_unused()
     context = _context(run, joints, overview, verdict, measuring)
-    stations = list(station_reports(run, context))
+    with styled():  # once, because each figure would set it twice
+        stations, shown = list(station_reports(run, context)), _overview(overview)
     add_reasons(verdict, [asdict(station) for station in stations], cut_off=is_cut_off(manifest))
     return Facts(
         verdict=verdict,
-        overview=_overview(overview),
+        overview=shown,
         stations=stations,
         alarms=alarm_facts(run),
         units=unit_rows(joints),
@@ -50,9 +51,8 @@ def _context(
     by_name = {facts.name: facts for facts in manifest.stations}
     ports = sum(len(facts.ports) for facts in manifest.stations)
     return Context(
-        t0_utc_us=manifest.t0_utc_us,
         happenings=happenings(run.events(), manifest.t0_utc_us),
-        settings=run.settings(),
+        limits=limits_of(run.settings(), manifest.t0_utc_us),
         measures=measuring(run.folder, by_name, {}, own_version(manifest)),
         ledger=manifest.ledger,
         cut_off=is_cut_off(manifest),

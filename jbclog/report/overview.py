@@ -28,6 +28,7 @@ from jbclog.analysis.figures.curves import (
     dates,
     envelope,
     merged,
+    rows_before,
     runs,
     widened,
 )
@@ -289,7 +290,7 @@ def _setpoint_error(trace: Trace) -> Readings:
 
 
 def _inside(trace: Trace, span: Span) -> slice:
-    return slice(*np.searchsorted(trace.seconds, [span.start, span.end]).tolist())
+    return rows_before(trace.seconds, span.start, span.end)
 
 
 def _far(trace: Trace, away: Readings) -> list[Span]:

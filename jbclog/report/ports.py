@@ -1,6 +1,6 @@
 """The stations of a report and their ports: rows, facts and figures.
 
-The rows of several ports come from one pass over the samples. A week at 10 Hz takes 17 bytes per
+The rows of several ports come from one pass over the samples. A week at 10 Hz takes 13 bytes per
 row: its trace is made of some 33 000 rows at a time and joined. A port without a grid, of hot air,
 or that reports only states is read as a whole.
 """
@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import inf
 from typing import Final
 
 import numpy as np
@@ -28,11 +27,11 @@ from jbclog.analysis.figures.from_samples import (
     has_only_states,
     trace,
 )
-from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
+from jbclog.analysis.figures.marks import Happening, Place, marks_of
 from jbclog.analysis.figures.port import Scale, draw, scale_of
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
-from jbclog.analysis.figures.trace import Grid, MarkKind, Trace
-from jbclog.analysis.joints.port_reader import at_once
+from jbclog.analysis.figures.trace import Grid, Limit, MarkKind, Trace
+from jbclog.analysis.joints.port_reader import at_once, rows_due
 from jbclog.analysis.port_split import by_port, gathered
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_joints import OF_SPANS, spans_of
@@ -68,7 +67,8 @@ from jbclog.report.zoom import zoom_of
 
 NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
 GROUPS_KEPT: Final = 32  # row groups after which their memory is returned
-MOST_ROWS: Final = 8_000_000  # rows of several stations in memory at once, some 17 bytes each
+LONG: Final = 1 << 18  # rows of a port from which on its memory is returned once it is free
+MOST_ROWS: Final = 8_000_000  # rows of several stations in memory at once, some 13 bytes each
 TEXTS: Final = ("quality", "reasons", "status")
 COUNTED: Final = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
 READINGS: Final = ("temperature_c", "power_permille", "set_c")
@@ -78,9 +78,8 @@ READINGS: Final = ("temperature_c", "power_permille", "set_c")
 class Context:
     """The data that all ports of a run share."""
 
-    t0_utc_us: int
     happenings: list[Happening]
-    settings: pd.DataFrame
+    limits: Mapping[Place, Sequence[Limit]]
     measures: Mapping[tuple[str, int], PortMeasure]
     ledger: Ledger
     cut_off: bool
@@ -118,7 +117,7 @@ def port_facts(
     late_us = rows.late_us(0.99)  # before the trace, which takes as much memory
     drawn = replace(
         rows.trace(),
-        limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
+        limits=context.limits.get((facts.name, port), []),
         marks=marks_of(context.happenings, facts.name, port),
         joints=spans_of(context.joints.of_port(facts.name, port, OF_SPANS)),
     )
@@ -128,7 +127,7 @@ def port_facts(
     )
     seen = PortRows(rows.rows, last_known(drawn.temperature), rows.last_status)
     del rows  # it holds the input of the trace
-    pa.default_memory_pool().release_unused()
+    _give_back(seen.number)
     if seen.number and context.has_overview:
         context.overview.add(
             clean(f"{facts.name} · {port}"),
@@ -154,10 +153,18 @@ def port_facts(
         **of_port(facts, port, seen, cut_off=context.cut_off),
     )
     del drawn  # before the chart of the joints: both are large
-    pa.default_memory_pool().release_unused()
+    _give_back(seen.number)
     if has_tip:
         found.joints = joint_facts(context.joints, facts.name, port, file, crowded=context.crowded)
     return found
+
+
+def _give_back(rows: int) -> None:
+    """Return what is free to the system, in a port of so many rows that it matters: it takes some
+    milliseconds, four times a port.
+    """
+    if rows >= LONG:
+        pa.default_memory_pool().release_unused()
 
 
 def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[FigureFacts]:
@@ -167,9 +174,9 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
             f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded
         )
     ]
-    pa.default_memory_pool().release_unused()
+    _give_back(len(drawn.seconds))
     figures[0].zoom = zoom_of(drawn, context.zoom)
-    pa.default_memory_pool().release_unused()
+    _give_back(len(drawn.seconds))
     near = closer(drawn) if drawn.marks or not context.crowded else None
     if near is not None:
         part, why = near
@@ -200,7 +207,7 @@ def samples_of_stations(
     """Yield the rows of each port of each station, from one pass over the samples for as many
     stations as fit into memory.
     """
-    for stations in at_once(run.manifest.stations, _rows, MOST_ROWS):
+    for stations in at_once(run.manifest.stations, rows_due, MOST_ROWS):
         found = _by_port(run, stations, steps)
         for facts in stations:
             yield facts, found.pop(facts.name)
@@ -229,13 +236,6 @@ def _by_port(
                 found[name][port] = PortSamples(by_name[name], grids[name])
             found[name][port].add(rows)
     return found
-
-
-def _rows(facts: StationFacts) -> float:
-    """Return the number of rows, infinite if not known."""
-    if facts.first_tick is None or facts.last_tick is None:
-        return inf
-    return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
 
 
 class PortSamples:

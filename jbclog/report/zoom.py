@@ -20,7 +20,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog.analysis.figures.curves import Floats, Readings, Span, Stretches, blocks, coded
+from jbclog.analysis.figures.curves import (
+    Floats,
+    Readings,
+    Span,
+    Stretches,
+    blocks,
+    coded,
+    rows_before,
+)
 from jbclog.analysis.figures.lanes import MARKS, NO_DATA, marked
 from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, JointEnd, Limit, Trace
 from jbclog.core.text import clean
@@ -242,12 +250,12 @@ def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
         return np.ones(len(trace.seconds), dtype=np.bool_)
     kept, budget = np.zeros(len(trace.seconds), dtype=np.bool_), most // 2
     for start, end in _moments(trace):
-        first, stop = np.searchsorted(trace.seconds, [start, end]).tolist()
-        wanted = (stop - first) - int(np.count_nonzero(kept[first:stop]))
+        rows = rows_before(trace.seconds, start, end)
+        wanted = (rows.stop - rows.start) - int(np.count_nonzero(kept[rows]))
         if wanted > budget:
             break
         budget -= wanted
-        kept[first:stop] = True
+        kept[rows] = True
     return kept
 
 

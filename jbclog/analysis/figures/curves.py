@@ -6,9 +6,9 @@ divided into equal intervals of time; the curve keeps minimum, maximum and mean 
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
@@ -31,6 +31,52 @@ def dates(t0_utc_us: int, seconds: ArrayLike) -> Floats:
     return (t0_utc_us / 1e6 + np.asarray(seconds, dtype=np.float64)) / 86400
 
 
+class GridSeconds:
+    """Ascending seconds of rows on a grid, computed from their ticks where they are looked at: a
+    tick takes four bytes, a second eight.
+    """
+
+    def __init__(self, ticks: NDArray[np.signedinteger[Any]], period_s: float) -> None:
+        self.ticks, self._period_s = ticks, period_s
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    def __getitem__(self, rows: Any) -> Any:
+        """Return the seconds of these rows (a slice, a mask, indices), or of one row."""
+        return self.ticks[rows] * self._period_s
+
+    def first_from(self, second: float) -> int:
+        """Return the index of the first row at or after this moment."""
+        return bisect_left(self, second)
+
+    def first_after(self, second: float) -> int:
+        """Return the index of the first row after this moment."""
+        return bisect_right(self, second)
+
+
+Moments = Floats | GridSeconds
+"""Seconds of the rows of a port."""
+
+
+def rows_before(moments: Moments, start: float, end: float) -> slice:
+    """Return the rows from `start` to before `end`."""
+    if isinstance(moments, GridSeconds):
+        return slice(moments.first_from(start), moments.first_from(end))
+    return slice(*np.searchsorted(moments, [start, end]).tolist())
+
+
+def rows_within(moments: Moments, start: float, end: float) -> slice | NDArray[np.bool_]:
+    """Return the rows from `start` to `end`. Without a grid their times may descend: a clock was
+    set back.
+    """
+    if isinstance(moments, GridSeconds):
+        return slice(moments.first_from(start), moments.first_after(end))
+    rows = moments >= start
+    rows &= moments <= end
+    return rows
+
+
 @dataclass(frozen=True, slots=True)
 class Envelope:
     """A curve to draw; NaN breaks the line. `low`, `high` and `mean` are the same array if every
@@ -48,7 +94,7 @@ class Envelope:
         return self.low is self.high
 
 
-def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float) -> Envelope:
+def envelope(seconds: Moments, values: Readings, stretches: int, joined_s: float) -> Envelope:
     """Return the curve of `values` (NaN: none) over `seconds`, of at most `stretches` × 2 points.
 
     No line joins samples further apart than `joined_s`.
@@ -129,11 +175,12 @@ class Stretches:
         """
         if not len(number):
             return
+        values = values.astype(np.float64, copy=False)  # 16-bit readings are compared in software
         number = np.clip(number, 0, len(self.counts) - 1)
         first = np.flatnonzero(np.diff(number, prepend=-1))
         place = number[first]
         np.add.at(self.counts, place, np.diff(np.append(first, len(number))))
-        np.add.at(self.sums, place, np.add.reduceat(values, first, dtype=np.float64))
+        np.add.at(self.sums, place, np.add.reduceat(values, first))
         for found, of in ((self.low, values), (self.first, seconds)):
             np.minimum.at(found, place, np.minimum.reduceat(of, first))
         for found, of in ((self.high, values), (self.last, seconds)):
@@ -189,7 +236,7 @@ def coded(codes: NDArray[np.integer[Any]], words: Sequence[str]) -> pd.Categoric
     )
 
 
-def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
+def runs(seconds: Moments, words: Words, period_s: float) -> list[Span]:
     """Return runs of samples with the same word; None and a missing tick end a run. Each lasts
     until the tick after its last.
     """
@@ -201,7 +248,9 @@ def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
     codes, names = coded.codes, list(coded.categories)
     if not len(codes):
         return []
-    breaks = (codes[1:] != codes[:-1]) | (np.diff(seconds) > 1.5 * period_s)
+    breaks = codes[1:] != codes[:-1]
+    for rows in blocks(len(breaks)):  # a week of steps would take as much as its trace
+        breaks[rows] |= np.diff(seconds[rows.start : rows.stop + 1]) > 1.5 * period_s
     first = np.append(0, np.flatnonzero(breaks) + 1)
     last = np.append(first[1:], len(codes)) - 1
     known = codes[first] >= 0
@@ -224,7 +273,7 @@ def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
     """Merge spans of one word that are too close to be distinguished."""
     firsts: list[Span] = []
     ends: list[float] = []
-    for span in sorted(spans, key=attrgetter("start", "end", "word")):
+    for span in sorted(spans):  # a tuple: by start, end, word
         if firsts and firsts[-1].word == span.word and span.start - ends[-1] < nearer_than_s:
             ends[-1] = max(ends[-1], span.end)
         else:

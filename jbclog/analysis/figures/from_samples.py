@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.figures.curves import (
     Floats,
+    GridSeconds,
     Readings,
     Span,
     coded,
@@ -231,10 +232,8 @@ class JoinedTrace:
 
     def __init__(self) -> None:
         self._first: Trace | None = None
-        self._columns = {
-            name: GrowingColumn() for name in ("seconds", "temperature", "power", "setting")
-        }
-        self._codes = GrowingColumn()
+        self._columns = {name: GrowingColumn() for name in ("temperature", "power", "setting")}
+        self._ticks, self._codes = GrowingColumn(), GrowingColumn()
         self._places: dict[str, int] = {}
         self._status: list[Span] = []
         self._gaps: list[Span] = []
@@ -250,6 +249,7 @@ class JoinedTrace:
             self._missing += missing_ticks(np.array([before_s, piece.seconds[0]]), period_s)
         for name, column in self._columns.items():
             column.add(getattr(piece, name))
+        self._ticks.add(_narrow(np.rint(piece.seconds[:] / period_s).astype(np.int64)))
         self._codes.add(self._coded(piece.reasons))
         if len(piece.seconds):
             _add_spans(self._status, piece.status, piece, before_s)
@@ -264,7 +264,7 @@ class JoinedTrace:
             status=self._status,
             gaps=sorted([*self._gaps, *self._missing], key=lambda span: span.start),
             reasons=coded(self._codes.array(), [*self._places]),
-            seconds=self._columns["seconds"].array(),
+            seconds=GridSeconds(self._ticks.array(), self._first.period_s),
             temperature=self._columns["temperature"].array(),
             power=self._columns["power"].array(),
             setting=self._columns["setting"].array(),
@@ -277,6 +277,12 @@ class JoinedTrace:
         kind = np.min_scalar_type(-max(len(self._places), 1))
         codes: NDArray[np.integer[Any]] = np.array([*numbers, -1], dtype=kind)
         return codes[np.asarray(reasons.codes)]
+
+
+def _narrow(ticks: NDArray[np.int64]) -> NDArray[np.signedinteger[Any]]:
+    """Return ticks in 32 bits if these hold them."""
+    narrow = ticks.astype(np.int32)
+    return narrow if np.array_equal(narrow, ticks) else ticks
 
 
 def _add_spans(found: list[Span], spans: Sequence[Span], piece: Trace, before_s: float) -> None:

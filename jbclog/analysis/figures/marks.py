@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,10 @@ from jbclog.analysis.figures.trace import Limit, Mark, MarkKind
 from jbclog.analysis.verdict.rules import COUNTED_ALARMS, SEVERE
 
 ERRORS = ("station.error", "port.error", "robot.off")
+SIDES = ("high", "low")
+NAMES = [f"alarm_{side}_{what}" for side in SIDES for what in ("limit", "delay")]
+Place = tuple[str, int | None]
+"""Station and port."""
 ENDS = {"station.error": "station.ok", "port.error": "port.ok", "robot.off": "robot.on"}
 
 
@@ -97,24 +101,27 @@ def _error(one: Happening, later: Sequence[Happening]) -> Mark:
     return Mark(Span(one.start, end, word), MarkKind.ERROR)
 
 
-def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:
-    """Return a port's confirmed limits, each from its reading on; none while the alarm is off."""
-    own = settings[
-        (settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()
-    ]
-    limits = [_limit(own, side, t0_utc_us) for side in ("high", "low") if not _is_off(own, side)]
-    return [limit for limit in limits if limit.seconds and not np.isnan(limit.celsius).all()]
+def limits_of(settings: pd.DataFrame, t0_utc_us: int) -> dict[Place, list[Limit]]:
+    """Return the confirmed limits of each port, each from its reading on; none while the alarm is
+    off.
+    """
+    rows = settings[settings["setting"].isin(NAMES) & settings["readback"].notna()]
+    found: dict[Place, dict[str, list[tuple[float, str]]]] = {}
+    columns = (rows[name] for name in ("station", "port", "setting", "time", "readback"))
+    for station, port, name, time, text in zip(*columns, strict=True):
+        own = found.setdefault((str(station), _whole(port)), {})
+        own.setdefault(str(name), []).append((_seconds(time, t0_utc_us), str(text)))
+    return {place: [*_limits(own)] for place, own in found.items()}
 
 
-def _is_off(own: pd.DataFrame, side: str) -> bool:
-    delays = own[own["setting"] == f"alarm_{side}_delay"]["readback"]
-    return len(delays) > 0 and delays.iloc[-1] == "off"
-
-
-def _limit(own: pd.DataFrame, side: str, t0_utc_us: int) -> Limit:
-    rows = own[own["setting"] == f"alarm_{side}_limit"]
-    seconds = [_seconds(time, t0_utc_us) for time in rows["time"]]
-    return Limit(side, tuple(seconds), tuple(_celsius(str(text)) for text in rows["readback"]))
+def _limits(own: Mapping[str, Sequence[tuple[float, str]]]) -> Iterator[Limit]:
+    """Yield the limits of one port from the readings of its settings: when, and what."""
+    for side in SIDES:
+        delays, read = (own.get(f"alarm_{side}_{what}") or [] for what in ("delay", "limit"))
+        celsius = tuple(_celsius(text) for _, text in read)
+        is_off = bool(delays) and delays[-1][1] == "off"
+        if not is_off and not np.isnan(celsius).all():
+            yield Limit(side, tuple(seconds for seconds, _ in read), celsius)
 
 
 def _celsius(text: str) -> float:

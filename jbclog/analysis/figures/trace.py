@@ -8,9 +8,17 @@ from enum import StrEnum
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from jbclog.analysis.figures.curves import Floats, Readings, Span, dates, within
+from jbclog.analysis.figures.curves import (
+    Floats,
+    Moments,
+    Readings,
+    Span,
+    dates,
+    rows_within,
+    within,
+)
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 
 JOINED_PERIODS = 1.5  # no line joins samples further apart than this
@@ -77,9 +85,7 @@ class Air:
     external: Readings
     lanes: dict[str, list[Span]]
 
-    def between(
-        self, rows: np.ndarray[tuple[int], np.dtype[np.bool_]], start: float, end: float
-    ) -> Air:
+    def between(self, rows: slice | NDArray[np.bool_], start: float, end: float) -> Air:
         """Return the part of these `rows`, from `start` to `end`."""
         lanes = {name: within(spans, start, end) for name, spans in self.lanes.items()}
         return Air(self.external[rows], {name: spans for name, spans in lanes.items() if spans})
@@ -91,7 +97,7 @@ class Trace:
 
     grid: Grid
     period_s: float
-    seconds: Floats
+    seconds: Moments
     temperature: Readings
     power: Readings
     setting: Readings
@@ -125,8 +131,7 @@ class Trace:
 
     def between(self, start: float, end: float) -> Trace:
         """Return the part from `start` to `end`."""
-        rows = self.seconds >= start
-        rows &= self.seconds <= end
+        rows = rows_within(self.seconds, start, end)
         return replace(
             self,
             seconds=self.seconds[rows],

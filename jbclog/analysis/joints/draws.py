@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, repeat
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -104,18 +104,43 @@ def find_draws(parts: Sequence[Flow], model: ThermalModel, settings: JointSettin
 def _as_draws(
     parts: Sequence[Flow], model: ThermalModel, groups: Sequence[Sequence[Contact]]
 ) -> list[Draw]:
+    """Return a draw for each group of contacts, made column by column: a week has a hundred
+    thousand.
+    """
     if not groups:
         return []
     heats, peaks = _heats_and_peaks(parts, model, groups)
+    starts = np.array([group[0].start_s for group in groups])
+    ends = np.array([group[-1].end_s for group in groups])
+    few = (ends - starts) / parts[0].stretch.period_s + 1 < FEW_READINGS
     over = np.maximum(peaks / max(HIGH_NOISES * model.noise.flow, HIGH_PERMILLE), 1.0)
-    sure = 1 - 0.5 * np.exp(1 - over)
-    period_s = parts[0].stretch.period_s
-    return [
-        _as_draw(group, heat, peak, confidence, model, period_s)
-        for group, heat, peak, confidence in zip(
-            groups, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True
-        )
-    ]
+    sure = (1 - 0.5 * np.exp(1 - over)) * np.where(few, 0.5, 1.0)
+    columns = (
+        starts.tolist(),
+        ends.tolist(),
+        map(_dwell_s, groups),
+        heats.tolist(),
+        peaks.tolist(),
+        map(len, groups),
+        [round(one, 3) for one in sure.tolist()],
+        map(_cut, groups),
+    )
+    # `fed` to `late_s`
+    same = [repeat(one) for one in (None, model.loss, False, model.delay.moved_s)]
+    return [*map(Draw._make, zip(*columns, *same, strict=False))]
+
+
+def _dwell_s(group: Sequence[Contact]) -> float:
+    if len(group) == 1:  # the usual case
+        return group[0].end_s - group[0].start_s
+    return sum(contact.end_s - contact.start_s for contact in group)
+
+
+def _cut(group: Sequence[Contact]) -> str | None:
+    """Return what cuts off a draw of these contacts, or None."""
+    if group[-1].last >= group[-1].end - 2:
+        return ENDS
+    return BEGINS if group[0].first <= group[0].begin + 1 else None
 
 
 def _heats_and_peaks(
@@ -135,31 +160,6 @@ def _heats_and_peaks(
     )
     heats = segments(begin, np.maximum(until, begin)).total(flow) * period
     return heats, segments(first, last + 1).greatest(flow)
-
-
-def _as_draw(
-    group: Sequence[Contact],
-    heat: float,
-    peak: float,
-    confidence: float,
-    model: ThermalModel,
-    period_s: float,
-) -> Draw:
-    start_s, end_s = group[0].start_s, group[-1].end_s
-    few = (end_s - start_s) / period_s + 1 < FEW_READINGS
-    ends, begins = group[-1].last >= group[-1].end - 2, group[0].first <= group[0].begin + 1
-    return Draw(
-        start_s,
-        end_s,
-        sum(contact.end_s - contact.start_s for contact in group),
-        heat,
-        peak,
-        len(group),
-        round(confidence * (0.5 if few else 1.0), 3),
-        cut=ENDS if ends else BEGINS if begins else None,
-        loss=model.loss,
-        late_s=model.delay.moved_s,
-    )
 
 
 class FlowByTime:

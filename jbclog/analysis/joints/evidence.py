@@ -27,6 +27,7 @@ from jbclog.analysis.joints.port_reader import (
     at_once,
     floats,
     micros,
+    rows_due,
 )
 from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
@@ -99,7 +100,7 @@ def ports_found(
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
         reader = PortReader(some, partial(read, "samples"), *clock, MOST_ROWS)
         found |= _in_windows(reader, some, options)
-    for some in at_once([facts for facts in with_tip if has_feeder(facts)], _rows, MOST_ROWS):
+    for some in at_once([facts for facts in with_tip if has_feeder(facts)], rows_due, MOST_ROWS):
         found |= _whole(
             PortReader(some, partial(read, "samples"), *clock, MOST_ROWS), some, read, options
         )
@@ -165,10 +166,6 @@ def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
 def clock_steps(read: Read) -> list[Step]:
     """Return the steps of the wall clock in these rows, oldest first."""
     return [step for events in read("events", EVENTS) for step in steps_in(events)]
-
-
-def _rows(facts: StationFacts) -> int:
-    return len(facts.ports) * ((facts.last_tick or 0) - (facts.first_tick or 0) + 1)
 
 
 def _counters(read: Read, station: str) -> pa.Table:

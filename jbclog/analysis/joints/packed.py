@@ -27,12 +27,11 @@ class _Floats:
     def __init__(self) -> None:
         self.values = array("d")
 
-    def extend(self, values: Iterable[Any]) -> None:
-        some = [*values]
+    def extend(self, values: Sequence[Any]) -> None:
         try:
-            self.values.extend(array("d", some))
+            self.values.extend(array("d", values))
         except TypeError:  # one of them is None
-            self.values.extend(NAN if value is None else value for value in some)
+            self.values.extend(NAN if value is None else value for value in values)
 
     def some(self, rows: slice) -> list[Any]:
         return [value if value == value else None for value in self.values[rows]]  # NaN
@@ -46,12 +45,11 @@ class _Codes:
         self._distinct: dict[Any, int] = {}
         self._values: list[Any] = []
 
-    def extend(self, values: Iterable[Any]) -> None:
-        some = [*values]
-        if some and some.count(some[0]) == len(some):  # the usual case
-            self._codes.extend(array("i", [self._code(some[0])]) * len(some))
+    def extend(self, values: Sequence[Any]) -> None:
+        if values and values.count(values[0]) == len(values):  # the usual case
+            self._codes.extend(array("i", [self._code(values[0])]) * len(values))
         else:
-            self._codes.extend(map(self._code, some))
+            self._codes.extend(map(self._code, values))
 
     def some(self, rows: slice) -> list[Any]:
         return [self._values[code] for code in self._codes[rows]]
@@ -75,7 +73,7 @@ class Packed(Sequence[R]):
 
     def extend(self, rows: Iterable[R]) -> None:
         """Append rows."""
-        some = rows if isinstance(rows, list) else list(rows)
+        some = rows if isinstance(rows, list | tuple) else list(rows)
         for column, values in zip(self._columns.values(), zip(*some, strict=True), strict=False):
             column.extend(values)
         self._count += len(some)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -57,6 +58,13 @@ def at_once(some: Sequence[T], size: Callable[[T], float], most: float) -> Itera
         yield held
 
 
+def rows_due(facts: StationFacts) -> float:
+    """Return the number of rows of all ports of a station, infinite if not known."""
+    if facts.first_tick is None or facts.last_tick is None:
+        return inf
+    return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
+
+
 class Sweeps(Protocol):
     """Sweeps several times over the rows of a port, such as `PortSweeps`."""
 
@@ -87,6 +95,8 @@ class PortReader:
         }
         self._groups, self._steps, self._t0_us, self._most_rows = groups, steps, t0_us, most_rows
         self._rows: dict[Key, int] | None = None
+        # of a run that is known to be longer not even the first `most_rows` are kept
+        self._is_long = most_rows < sum(map(rows_due, stations)) < inf
         self._kept: list[tuple[Key, Series]] | None = None
         self._some = some
         # only for a port alone: the times of its first and last row in each row group
@@ -206,7 +216,7 @@ class PortReader:
         clocks = {key: self.clock(key) for key in self._facts}
         limits = self._rows
         rows, spans = dict.fromkeys(self._facts, 0), list[tuple[float, float] | None]()
-        kept: list[tuple[Key, Series]] | None = []
+        kept: list[tuple[Key, Series]] | None = None if self._is_long else []
         for group in gathered(self._groups(self._swept), len(self._facts)):
             found, places = sorted_by_port(group, self._facts)
             columns = _Columns.of(found, has_feeder=any(map(has_feeder, self._facts.values())))

@@ -20,7 +20,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -107,7 +108,7 @@ def joints_of(
         else []
     )
     return sorted(
-        [*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=lambda joint: joint.start_s
+        [*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=attrgetter("draw.start_s")
     )
 
 
@@ -150,9 +151,7 @@ def _timing(
     ends = np.array([draw.end_s for draw in draws]) + late
     setpoints = setting_in_force(series.seconds, series.rows.setting)
     rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
-    following = np.array(
-        sorted({draw.start_s + draw.late_s for draw in every if draw.heat is not None})
-    )
+    following = np.unique([one.start_s + one.late_s for one in every if one.heat is not None])
     stops, cuts = _stops(series, starts, ends, following, np.array([draw.start_s for draw in fed]))
     # the reading at the start, or the one before it
     before = np.clip(track.last(starts) - 1, 0, None)
@@ -236,38 +235,21 @@ def _measured_joints(
 ) -> list[Joint]:
     """Return the joints, with the effect of each on the tip."""
     complete = np.flatnonzero(~timing.broken)
-    setpoints = timing.setpoints[complete]
+    places, setpoints = complete.tolist(), timing.setpoints[complete]
     levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
     floors = np.where(np.isnan(levels), setpoints, levels) - tip.within_c
     outcomes = _outcomes(tip, timing, complete, floors)
-    columns = (
-        *_fall(tip.track, timing, complete, levels, outcomes),
-        outcomes.recovery,
-        outcomes.had,
-        _energies(series, timing, complete, outcomes, draws),
-    )
-    known = zip(*(_none_where_nan(column) for column in columns), strict=True)
-    joints = dict[int, Joint]()
-    for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(
-        known
-    ):
-        number = int(complete[place])
-        draw, (back, why) = draws[number], outcomes.outcome(place, timing.cuts[number])
-        joints[number] = Joint(
-            draw,
-            _joules(tip, draw),
-            setpoint,
-            deficit,
-            below,
-            depth,
-            low,
-            last,
-            back,
-            recovery,
-            had,
-            energy,
-            why,
-        )
+    known = outcomes.known([timing.cuts[place] for place in places])
+    energies = _energies(series, timing, complete, outcomes, draws)
+    columns: list[Sequence[Any]] = [
+        [draws[place] for place in places],
+        [_joules(tip, draws[place]) for place in places],
+        *map(_none_where_nan, _fall(tip.track, timing, complete, levels, outcomes)),
+        [back for back, _ in known],
+        *map(_none_where_nan, (outcomes.recovery, outcomes.had, energies)),
+        [why for _, why in known],
+    ]
+    joints = dict(zip(places, map(Joint._make, zip(*columns, strict=True)), strict=True))
     return [
         joints.get(number) or Joint(draw, _joules(tip, draw), why=GAP)
         for number, draw in enumerate(draws)
@@ -308,17 +290,25 @@ class _Outcomes:
     had: Floats
     lowest: Floats
 
-    def outcome(self, place: int, cut: str | None) -> tuple[bool | None, str | None]:
-        """Return whether the tip recovered, and why not; `cut` is what cut the joint off, None for
-        the next draw.
+    def known(self, cuts: Sequence[str | None]) -> list[tuple[bool | None, str | None]]:
+        """Return whether the tip recovered from each joint, and why not; `cuts` are what cut the
+        joints off, None for the next draw.
         """
-        if self.is_unset[place]:
-            return None, UNKNOWN_SETPOINT
-        if self.is_lost[place]:
-            return None, GAP
-        if self.is_back[place]:
-            return True, None
-        return (False, NEXT_CAME) if cut is None else (None, cut)
+        flags = (self.is_unset, self.is_lost, self.is_back)
+        rows = zip(*(some.tolist() for some in flags), cuts, strict=True)
+        return [_outcome(*row) for row in rows]
+
+
+def _outcome(
+    is_unset: bool, is_lost: bool, is_back: bool, cut: str | None
+) -> tuple[bool | None, str | None]:
+    if is_unset:
+        return None, UNKNOWN_SETPOINT
+    if is_lost:
+        return None, GAP
+    if is_back:
+        return True, None
+    return (False, NEXT_CAME) if cut is None else (None, cut)
 
 
 def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _Outcomes:

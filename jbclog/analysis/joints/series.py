@@ -252,8 +252,8 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     places = np.flatnonzero(is_read)
     if not len(places):
         return []
-    apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
     moved, took_s = np.diff(rows.temperature[places]), np.diff(rows.seconds[places])
+    apart = took_s > max(series.gap_s, BRIDGED_S) + 1e-6
     leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (
         -moved > np.maximum(FALL_C, FALL_K_PER_S * took_s)
     )

@@ -29,7 +29,7 @@ import numpy as np
 
 from jbclog.analysis.joints.contacts import flow_into_work
 from jbclog.analysis.joints.doubt import Doubt, doubt_of
-from jbclog.analysis.joints.draws import Draw, find_draws
+from jbclog.analysis.joints.draws import Draw, find_draws, is_joint
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.identify import NEVER_READ, identify_each, pieces_for_model
 from jbclog.analysis.joints.joints import ByHeat, FoundJoints, concluded, sort_draws
@@ -314,22 +314,27 @@ class PortSweeps:
         return self._stretches[place].model if place >= 0 else None
 
     def _sort_draws(self) -> None:
+        self._resting_levels = self._levels.levels(self._period_s)
+        if (self._draws.floats("dwell_s") >= self._settings.least_dwell_s).all():  # all are joints
+            self._joint_draws, self._others = self._draws, Packed(Draw)
+            return
         self._joint_draws, self._others = Packed(Draw), Packed(Draw)
         for first in range(0, len(self._draws), ROWS_AT_ONCE):
             joints, others = sort_draws(self._draws[first : first + ROWS_AT_ONCE], self._settings)
             self._joint_draws.extend(joints)
             self._others.extend(others)
-        self._resting_levels = self._levels.levels(self._period_s)
 
     def _measure_joints(self, view: View) -> float | None:
         """Measure the joints that begin in this window; return the time from which it must be shown
         again.
         """
-        own = _between(self._joint_draws, view.begin_s, view.end_s)
+        near = _between(self._draws, view.begin_s, view.last_s)
+        own = [
+            draw for draw in near if draw.start_s < view.end_s and is_joint(draw, self._settings)
+        ]
         again_s = _seen_again_from(view, own, MOST_RECOVERY_S + self._period_s)
         if again_s is not None:
             own = own[: bisect_left(own, again_s, key=lambda draw: draw.start_s)]
-        near = _between(self._draws, view.begin_s, view.last_s)
         within_c = self._settings.recovered_within_c
         self._joints.extend(joints_of(view.series, own, near, self._resting_levels, within_c))
         return again_s

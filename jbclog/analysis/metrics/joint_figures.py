@@ -18,12 +18,13 @@ import numpy as np
 from jbclog.analysis.joints.draws import JOINT
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.joints import FoundJoints
-from jbclog.analysis.joints.packed import column_of, dwells_of, kinds_of
+from jbclog.analysis.joints.packed import column_of, floats_of, kinds_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
 from jbclog.analysis.metrics.energy import NOT_RATED, Totals
 from jbclog.analysis.verdict.evidence import not_read
+from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.quantiles import censored_quantile
 
 HALF, NEARLY_ALL = 0.5, 0.95
@@ -36,17 +37,19 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
     joints = found.joints
     period, heat = port.period_s, RESOLUTION_PERMILLE * port.period_s
     joules = None if port.rated_w is None else heat * port.rated_w / 1000
+    heats = floats_of(joints, "heat")
+    dwells = np.where(np.isnan(heats), np.nan, floats_of(joints, "dwell_s"))
     return [
         *_counts(port, found),
         _median_figure(
-            "joint_deficit_c", "°C", RESOLUTION_C, found, column_of(joints, "deficit_c")
+            "joint_deficit_c", "°C", RESOLUTION_C, found, floats_of(joints, "deficit_c")
         ),
         _resting_below(found),
-        _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, column_of(joints, "depth_c")),
-        _median_figure("joint_dwell_s", "s", period, found, dwells_of(joints)),
-        _median_figure("joint_heat_permille_s", "‰·s", heat, found, column_of(joints, "heat")),
-        _median_figure("joint_heat_j", "J", joules, found, column_of(joints, "heat_j")),
-        _median_figure("joint_energy_permille_s", "‰·s", heat, found, column_of(joints, "energy")),
+        _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, floats_of(joints, "depth_c")),
+        _median_figure("joint_dwell_s", "s", period, found, dwells),
+        _median_figure("joint_heat_permille_s", "‰·s", heat, found, heats),
+        _median_figure("joint_heat_j", "J", joules, found, floats_of(joints, "heat_j")),
+        _median_figure("joint_energy_permille_s", "‰·s", heat, found, floats_of(joints, "energy")),
         _recovery("recovery_s", HALF, period, found),
         _recovery("recovery_p95_s", NEARLY_ALL, period, found),
         _recovered(found),
@@ -109,10 +112,10 @@ def _median_figure(
     unit: str,
     resolution: float | None,
     found: FoundJoints,
-    of_each: Sequence[float | None],
+    of_each: Floats,
 ) -> Figure:
-    values = [value for value in of_each if value is not None]
-    if not values:
+    values = of_each[~np.isnan(of_each)]
+    if not len(values):
         is_not_rated = unit == "J" and resolution is None
         return no_figure(name, unit, NOT_RATED if is_not_rated else _why_none(found))
     return Figure(
@@ -127,7 +130,7 @@ def _resting_below(found: FoundJoints) -> Figure:
         "°C",
         RESOLUTION_C,
         found,
-        column_of(found.joints, "resting_below_c"),
+        floats_of(found.joints, "resting_below_c"),
     )
     return (
         figure
@@ -196,5 +199,5 @@ def _delay(delay: Delay) -> Figure:
     return Figure("temperature_delay_s", delay.seconds, "s", 1, None, 2 * delay.uncertainty_s)
 
 
-def _share(some: Sequence[object], joints: Sequence[Joint]) -> float:
+def _share(some: Sequence[object] | Floats, joints: Sequence[Joint]) -> float:
     return round(100.0 * len(some) / len(joints), 3)

@@ -215,17 +215,18 @@ def _idle_rows(block: Block, setting: Floats, period_s: float, rules: int) -> Fl
         block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
     )
     usable &= block.in_place & ~_may_be_pulled(block, setting)
-    rows, in_force = block.take(usable), setting[usable]
-    starts = _stretch_starts(rows.seconds, in_force, period_s)
-    calm = settled(rows.seconds, rows.temperature, starts)
+    columns = (block.seconds, block.temperature, block.power, setting)
+    seconds, temperature, power, in_force = (column[usable] for column in columns)
+    starts = _stretch_starts(seconds, in_force, period_s)
+    calm = settled(seconds, temperature, starts)
     found = np.zeros(len(usable), dtype=np.bool_)
     if not calm.any():
         return found
-    errors = np.asarray(rows.temperature - in_force, dtype=np.float64)
+    errors = np.asarray(temperature - in_force, dtype=np.float64)
     if rules < BOUNDS_HOLD:
-        found[usable] = calm & outside_joints(rows.seconds, rows.power, calm)
+        found[usable] = calm & outside_joints(seconds, power, calm)
     else:
-        found[usable] = calm & at_rest(rows.seconds, rows.power, errors, calm, starts, period_s)
+        found[usable] = calm & at_rest(seconds, power, errors, calm, starts, period_s)
     return found
 
 
@@ -287,9 +288,11 @@ def _may_be_pulled(block: Block, setting: Floats) -> Flags:
 
 def setting_in_force(seconds: Floats, setting: Floats) -> Floats:
     """Return the setpoint last read in each row, for at most `SETTING_HOLDS_S`; NaN: not known."""
-    last = np.maximum.accumulate(np.where(np.isnan(setting), -1, np.arange(len(setting))))
-    held = setting[last]
-    held[(last < 0) | (seconds - seconds[last] > SETTING_HOLDS_S)] = np.nan
+    held, read = np.full_like(setting, np.nan), np.flatnonzero(~np.isnan(setting))
+    if len(read):  # it is read every few seconds, so that this is faster than a search in each row
+        rows, known = np.diff(read, append=len(setting)), held[read[0] :]
+        known[:] = np.repeat(setting[read], rows)
+        known[seconds[read[0] :] - np.repeat(seconds[read], rows) > SETTING_HOLDS_S] = np.nan
     return held
 
 

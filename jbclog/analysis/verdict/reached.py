@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.analysis.verdict.clock_steps import nominal_period
-from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats
+from jbclog.analysis.verdict.idle import Block, Flags, Floats, setting_in_force
 from jbclog.analysis.verdict.rule import Figure, Result, Rule, allowed_misses, floored, shown
 
 RULE: Final = "reached"
@@ -98,7 +98,7 @@ class Heat:
     first_s: float | None = None
     known_s: float = 0.0
     greatest_c: float | None = None
-    _setting: tuple[float, float] | None = None  # the setpoint last read, and when
+    _setting: tuple[float, float] = float("nan"), float("nan")  # last read at, and its value
     _tool: float = float("nan")
     _last_s: float | None = None
 
@@ -155,20 +155,15 @@ class Heat:
         return nominal_period(times)
 
     def _settings(self, rows: Block) -> Floats:
-        """Return each row's setpoint: the last read, for at most `SETTING_HOLDS_S`; else NaN."""
-        read = np.flatnonzero(~np.isnan(rows.setting))
-        held = np.full(len(rows.seconds), np.nan)
-        last = np.searchsorted(read, np.arange(len(held)), side="right") - 1
-        has = last >= 0
-        held[has] = rows.setting[read[last[has]]]
-        age = np.full(len(held), np.inf)
-        age[has] = rows.seconds[has] - rows.seconds[read[last[has]]]
-        if self._setting is not None:
-            held[~has], age[~has] = self._setting[0], rows.seconds[~has] - self._setting[1]
-        held[age > SETTING_HOLDS_S] = np.nan
+        """Return the setpoint in force in each row, also from the rows before."""
+        seconds, setting = (
+            np.append(before, these)
+            for before, these in zip(self._setting, (rows.seconds, rows.setting), strict=True)
+        )
+        read = np.flatnonzero(~np.isnan(setting))
         if len(read):
-            self._setting = float(rows.setting[read[-1]]), float(rows.seconds[read[-1]])
-        return held
+            self._setting = float(seconds[read[-1]]), float(setting[read[-1]])
+        return setting_in_force(seconds, setting)[1:]
 
     def _tools(self, rows: Block) -> Floats:
         """Return the tool last read in each row; NaN before the first reading."""

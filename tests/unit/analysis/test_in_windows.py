@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 import tracemalloc
+import weakref
 from collections.abc import Iterator
 from math import nan
 from typing import Any
@@ -21,6 +22,7 @@ from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of
 from jbclog.analysis.joints.windows import Windows, placed
 from jbclog.analysis.metrics.measures import PortFigures, measure_port
 from jbclog.analysis.run_metrics import joints_and_metrics
+from jbclog.analysis.verdict.idle import Floats
 from support.records.long_run import LongRun
 from support.records.made_series import line, made, rest, steps
 
@@ -162,6 +164,22 @@ def test_of_a_long_run_a_model_s_pieces_are_read_and_nothing_between_them(
     assert joints.num_rows > 1000
     assert joints.equals(some[0])
     assert repr(others) == repr(list(some[1:]))
+
+
+@pytest.mark.parametrize(("last_tick", "most_alive"), [(5999, 1), (None, 7)])
+def test_of_a_run_that_is_known_to_be_long_no_rows_are_kept(
+    last_tick: int | None, most_alive: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one whose length is not known they are kept until they are too many."""
+    monkeypatch.setattr(run_metrics, "MOST_ROWS", 3000)
+    run = LongRun(600.0, 10.0, group=500)
+    run.stations[0].first_tick, run.stations[0].last_tick = 0, last_tick
+    seen, alive = list[weakref.ref[Floats]](), list[int]()
+    for _, piece in run_metrics._reader(run, run.stations)._pieces():
+        seen.append(weakref.ref(piece.rows.temperature))
+        alive.append(sum(one() is not None for one in seen))
+    assert len(alive) == 12
+    assert max(alive) == most_alive
 
 
 def memory(run: LongRun) -> tuple[float, int, float]:

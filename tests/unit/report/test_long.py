@@ -16,15 +16,16 @@ import pytest
 
 from jbclog.analysis.figures import curves
 from jbclog.analysis.figures import port as port_figure
+from jbclog.analysis.figures.curves import GridSeconds
 from jbclog.analysis.figures.from_samples import GrowingColumn, JoinedTrace, has_air, trace
 from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import RunTables, select
 from jbclog.analysis.verdict import idle, judged_signals
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
-from jbclog.report import gather, ports
+from jbclog.report import gather, joints, ports
 from jbclog.report.facts import FigureFacts, JointFacts
-from jbclog.report.joints import joints_of
+from jbclog.report.joints import COLUMNS, SHOWN, joints_of
 from jbclog.report.ports import PortSamples, samples_of_stations
 from jbclog.report.write import as_document, figures_of, report_files
 from support.records import small_run
@@ -99,6 +100,20 @@ def test_the_scale_of_a_figure_is_found_once_for_its_two_sizes(
     assert "figures/dde-1-1.svg" in report_files(run)
 
 
+def test_of_the_joints_what_is_shown_is_in_memory_and_the_table_has_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = joints_of(open_run(seal(tmp_path, [station(rows=2400)], table(samples(2400)))))
+    assert found.table.column_names == SHOWN
+    assert len(SHOWN) == 8
+    whole = found.csv()
+    header, *lines = whole.decode("utf-8-sig").splitlines()
+    assert header.split(",") == [*COLUMNS]
+    assert len(lines) == found.table.num_rows > 10
+    monkeypatch.setattr(joints, "ROWS_AT_ONCE", 7)
+    assert found.csv() == whole
+
+
 def test_row_groups_that_are_not_wanted_are_left_out(tmp_path: Path) -> None:
     run = open_run(seal(tmp_path, [station(rows=100_000)], table(samples(100_000))))
     every = [*run.groups("samples", ["tick"])]
@@ -127,7 +142,8 @@ def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
             assert rows.last_status == whole["status"].dropna().iloc[-1]
             late_us = whole["late_us"].dropna()
             assert rows.late_us(0.99) == (np.quantile(late_us, 0.99) if len(late_us) else None)
-            for name in ("seconds", "temperature", "power", "setting"):
+            assert np.array_equal(found.seconds[:], expected.seconds[:])
+            for name in ("temperature", "power", "setting"):
                 assert np.array_equal(getattr(found, name), getattr(expected, name), equal_nan=True)
             assert (found.status, found.gaps) == (expected.status, expected.gaps)
             assert (found.states, found.period_s) == (expected.states, expected.period_s)
@@ -198,7 +214,7 @@ def test_the_rows_of_a_port_are_small_and_freed_before_its_joints_are_drawn(
 ) -> None:
     run = open_run(small(tmp_path))
     alive: list[weakref.ref[PortSamples]] = []
-    traced: list[weakref.ref[Floats]] = []
+    traced: list[weakref.ref[Any]] = []
     by_port, figures, chart = ports._by_port, ports._figures, ports.joint_facts
 
     def noted(*given: Any) -> dict[str, dict[int, PortSamples]]:
@@ -213,10 +229,11 @@ def test_the_rows_of_a_port_are_small_and_freed_before_its_joints_are_drawn(
         return chart(*given, **more)
 
     def drawn(file: str, place: str, one: Trace, context: ports.Context) -> list[FigureFacts]:
-        columns = (one.seconds, one.temperature, one.power, one.setting, one.reasons.codes)
-        assert sum(column.nbytes for column in columns) <= 15 * len(one.seconds)
+        assert isinstance(one.seconds, GridSeconds)
+        columns = (one.seconds.ticks, one.temperature, one.power, one.setting, one.reasons.codes)
+        assert sum(column.nbytes for column in columns) <= 11 * len(one.seconds)
         left.append(sum(one() is not None for one in alive))
-        traced.append(weakref.ref(one.seconds))
+        traced.append(weakref.ref(one.temperature))
         return figures(file, place, one, context)
 
     left, left_for_chart = list[int](), list[int]()

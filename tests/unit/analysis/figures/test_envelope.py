@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbclog.analysis.figures import curves
-from jbclog.analysis.figures.curves import envelope, lone, quantile_of_readings
+from jbclog.analysis.figures.curves import (
+    GridSeconds,
+    envelope,
+    lone,
+    quantile_of_readings,
+    rows_before,
+    rows_within,
+    runs,
+)
 
 EIGHT_HOURS = 288_000
 
@@ -107,3 +117,36 @@ def test_a_quantile_of_readings_is_that_of_numpy(
     for share in (0.0, 0.02, 0.5, 0.999, 1.0):
         assert quantile_of_readings(parts, share) == np.quantile(celsius, share)
     assert all(map(np.array_equal, parts, before))
+
+
+@pytest.mark.parametrize("kind", ["i4", "i8"])
+def test_seconds_of_a_grid_are_those_of_its_ticks(kind: str) -> None:
+    """To the last bit, however they are looked at."""
+    ticks = np.append(np.arange(3, 3000), [3500, 2**31 - 1]).astype(kind)
+    known, found = ticks.astype(np.float64) * 0.1, GridSeconds(ticks, 0.1)
+    some = known % 0.3 < 0.15
+    assert len(found) == len(known)
+    assert found[-1] == known[-1]
+    for rows in (slice(None), slice(5, 9), some, np.array([7, 2])):
+        assert np.array_equal(found[rows], known[rows])
+    for moment in (-1.0, known[0], 0.7, known[17], np.nextafter(known[17], 0), 1e12):
+        assert rows_before(found, moment, 90.0) == rows_before(known, moment, 90.0)
+        for start, end in ((moment, 90.0), (0.5, moment)):
+            rows = rows_within(found, start, end)
+            assert np.array_equal(known[rows], known[(known >= start) & (known <= end)])
+    words = np.where(some, None, "a")
+    assert runs(found, words, 0.1) == runs(known, words, 0.1)
+    values = np.where(some, np.nan, np.arange(len(ticks)) % 40)
+    for stretches in (10, 4000):
+        pairs = zip(
+            astuple(envelope(found, values, stretches, 0.15)),
+            astuple(envelope(known, values, stretches, 0.15)),
+            strict=True,
+        )
+        assert all(np.array_equal(one, other, equal_nan=True) for one, other in pairs)
+
+
+def test_times_without_a_grid_need_not_ascend() -> None:
+    """A clock was set back: a minute has the rows of that minute, also those that came later."""
+    times = np.array([0.0, 1.0, 2.0, 3.0, 0.5, 1.5, 2.5])
+    assert times[rows_within(times, 1.0, 2.0)].tolist() == [1.0, 2.0, 1.5]

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from jbclog.analysis.verdict import judge
-from jbclog.analysis.verdict.idle import IdleError, by_block
+from jbclog.analysis.verdict.idle import (
+    SETTING_HOLDS_S,
+    Block,
+    IdleError,
+    by_block,
+    setting_in_force,
+)
+from jbclog.analysis.verdict.reached import Heat
 from jbclog.analysis.verdict.samples import measure
 from jbclog.config.recipe_sections import Acceptance
 
@@ -186,3 +193,24 @@ def test_every_row_is_in_the_block_of_its_time(back_s: float) -> None:
         assert (np.floor(seconds[rows] / 600) == number).all()
     assert sum(len(seconds[rows]) for _, rows in blocks) == len(seconds)
     assert by_block(np.empty(0)) == []
+
+
+@pytest.mark.parametrize("first", [0, 7])
+def test_a_setpoint_is_in_force_until_the_next_one_is_read_or_for_its_time(first: int) -> None:
+    """Also where the rows come in pieces (`Heat`)."""
+    seconds, setting = np.arange(600) / 10, np.full(600, np.nan)
+    setting[[first, first + 50, first + 51, first + 300]] = [350, 380, 330, 340]
+    expected = np.full(600, np.nan)
+    for row in range(600):
+        read = np.flatnonzero(~np.isnan(setting[: row + 1]))
+        if len(read) and seconds[row] - seconds[read[-1]] <= SETTING_HOLDS_S:
+            expected[row] = setting[read[-1]]
+    assert 100 < np.isnan(expected).sum() < 300
+    assert np.array_equal(setting_in_force(seconds, setting), expected, equal_nan=True)
+    heat, none = Heat(0.1), np.zeros(600, dtype=np.bool_)
+    pieces = [slice(0, 1), slice(1, 5), slice(5, 55), slice(55, 56), slice(56, 600)]
+    block = Block(seconds, seconds, seconds, setting, none)
+    found = np.concatenate([heat._settings(block.take(rows)) for rows in pieces])
+    assert np.array_equal(found, expected, equal_nan=True)
+    assert np.isnan(setting_in_force(seconds, np.full(600, np.nan))).all()
+    assert not len(setting_in_force(np.empty(0), np.empty(0)))
