@@ -22,14 +22,17 @@ from typing import Any
 
 import pytest
 import typer.testing
-from hypothesis import settings
+from hypothesis import is_hypothesis_test, settings
 
 from support import once
 
+CAMPAIGN = "campaign"
+
 # A busy machine must not fail a property. The examples are the same each time, so that what fails
-# is what was changed; `--hypothesis-profile=anew` draws others.
-settings.register_profile("same", deadline=None, derandomize=True)
-settings.register_profile("anew", deadline=None)
+# is what was changed; `--hypothesis-profile=anew` draws others, `-m campaign` others and more.
+settings.register_profile("same", deadline=None, derandomize=True, max_examples=50)
+settings.register_profile("anew", deadline=None, derandomize=False)
+settings.register_profile(CAMPAIGN, deadline=None, derandomize=False, max_examples=1000)
 settings.load_profile("same")
 
 # each worker, and each of hundreds of processes that tests start, would compile all anew
@@ -100,6 +103,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if row := config.getoption("--row"):
         os.environ["JBCLOG_ROW"] = row
+    if config.option.markexpr == CAMPAIGN:
+        settings.load_profile(CAMPAIGN)
     for hook in config.hook.pytest_runtest_logreport.get_hookimpls():
         if type(hook.plugin).__name__ == "WorkerInteractor":
             hook.function = functools.partial(_send, hook.function)
@@ -209,11 +214,13 @@ WAITING = "serial"
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Spread the files that wait among those that compute, so that the workers do both at any time;
-    alike in each worker.
+    alike in each worker. Properties are campaigns as well.
     """
     for item in items:
+        if config.option.markexpr == CAMPAIGN and is_hypothesis_test(getattr(item, "obj", None)):
+            item.add_marker(CAMPAIGN)
         if is_fast(item.path) and not any(
             map(item.get_closest_marker, ("campaign", "bench", "soak"))
         ):

@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from matplotlib.ticker import LogFormatter
-from scipy.optimize import nnls
 
 from jbclog.analysis.figures.canvas import new_figure, styled, svg_text
 
@@ -165,6 +164,8 @@ class Line(NamedTuple):
 
 def line_of(series: Sequence[Point], figure: str) -> Line:
     """Fit the line to the values above 0."""
+    from scipy.optimize import nnls  # slow to import, and tests import this file
+
     known = [
         (point.size, point.figures[figure])
         for point in series

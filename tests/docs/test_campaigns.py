@@ -7,7 +7,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import pytest
+from support.campaigns.each_row import each_row
+from support.readers.repository import parsed
 
 TESTS = Path(__file__).parents[1]
 MARK = "pytest.mark.campaign"
@@ -16,15 +17,14 @@ FILES = [
     for path in sorted(TESTS.rglob("test_*.py"))
     if MARK in path.read_text(encoding="utf-8") and path != Path(__file__)
 ]
-every_file = pytest.mark.parametrize(
-    "path", FILES, ids=lambda path: path.relative_to(TESTS).as_posix()
-)
+every_file = each_row((path.relative_to(TESTS).as_posix(), (path,)) for path in FILES)
 
 
 def functions(path: Path) -> list[ast.FunctionDef]:
-    body = ast.parse(path.read_text(encoding="utf-8")).body
     return [
-        one for one in body if isinstance(one, ast.FunctionDef) and one.name.startswith("test_")
+        one
+        for one in parsed(path).body
+        if isinstance(one, ast.FunctionDef) and one.name.startswith("test_")
     ]
 
 

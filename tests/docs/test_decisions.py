@@ -7,8 +7,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
+from support.campaigns.each_row import each_row
 from support.readers.repository import TEXTS
 from support.readers.texts import ROOT
 
@@ -28,7 +27,7 @@ FORM = re.compile(
 CITED = re.compile(
     r"docs/decisions/(\d{4})(?:-[a-z0-9-]+\.md)?|\bdecisions?(?: records?)? (\d{1,4})\b"
 )
-every_record = pytest.mark.parametrize("record", RECORDS, ids=lambda path: path.stem)
+every_record = each_row((path.stem, (path,)) for path in RECORDS)
 
 
 def form_of(path: Path) -> re.Match[str]:

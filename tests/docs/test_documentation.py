@@ -6,18 +6,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
 from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
+from support.campaigns.each_row import each_row
 from support.readers.command_line import calls, wrong
 from support.readers.texts import DOCS, FENCE, ROOT, text_of
 
 TESTS = ROOT / "tests"
 PAGES = sorted(DOCS.rglob("*.md"))
-every_page = pytest.mark.parametrize(
-    "page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix()
-)
+every_page = each_row((page.relative_to(DOCS).as_posix(), (page,)) for page in PAGES)
 
 
 def anchors(page: Path) -> set[str]:
@@ -63,9 +60,9 @@ def test_commands_exist(page: Path) -> None:
     assert [fault for one in typed for words in calls(one) if (fault := wrong(words))] == []
 
 
-@pytest.mark.parametrize(
-    "name",
-    dict.fromkeys(re.findall(r"`((?:\w+/)+\w+\.py)`", text_of("explanation/architecture.md"))),
+@each_row(
+    (name, (name,))
+    for name in re.findall(r"`((?:\w+/)+\w+\.py)`", text_of("explanation/architecture.md"))
 )
 def test_a_file_that_the_architecture_names_is_there(name: str) -> None:
     assert (ROOT / "jbclog" / name).is_file()

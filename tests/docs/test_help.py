@@ -16,6 +16,7 @@ import pytest
 
 import jbclog as package
 from jbclog.cli.front_page import page
+from support.campaigns.each_row import each_row
 from support.command import jbclog
 from support.invoked import invoked
 from support.readers.command_line import HELP, VERBS, calls, wrong
@@ -30,6 +31,7 @@ with suppress(SystemExit):
     main()
 print(*set(sys.modules) - before, file=sys.stderr)
 """
+every_verb = each_row((verb, (verb,)) for verb in VERBS)
 PACKAGE = Path(package.__file__).parent
 PACKAGES = sorted(
     ".".join(path.parent.relative_to(PACKAGE).parts) for path in PACKAGE.rglob("*/__init__.py")
@@ -43,7 +45,7 @@ def shown_here(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(arguments, ended.exit_code, ended.stdout, ended.stderr)
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@every_verb
 def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
     shown = shown_here(verb, "--help")
     assert shown.returncode == 0
@@ -55,7 +57,7 @@ def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
     assert wrong(words) is None
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@every_verb
 def test_the_list_of_verbs_shows_each_first_sentence_whole(verb: str) -> None:
     """The list is a table of its own, so that `--help` loads no command."""
     assert re.search(
@@ -76,7 +78,7 @@ def test_commands_are_listed_in_groups() -> None:
     assert set(re.findall(r"^  ([a-z-]+) ", listed, re.MULTILINE)) == set(VERBS)
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@every_verb
 def test_help_shows_neither_types_of_python_nor_braces(verb: str) -> None:
     shown = shown_here(verb, "--help").stdout
     assert re.findall(r"<\w*[\[>]|\{[A-Z]|LAST_GOOD", shown) == []
@@ -147,8 +149,9 @@ def test_wrong_usage_ends_with_2_and_no_traceback(arguments: tuple[str, ...]) ->
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize(
-    "module", ["jbclog", "jbclog.spc", *(f"jbclog.{name}" for name in PACKAGES)]
+@each_row(
+    (module, (module,))
+    for module in ["jbclog", "jbclog.spc", *(f"jbclog.{name}" for name in PACKAGES)]
 )
 def test_public_names_are_documented(module: str) -> None:
     room = import_module(module)

@@ -4,6 +4,7 @@ them.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,11 +24,12 @@ MOST_BYTES = 400_000
 DEMONSTRATIONS = sorted(path.name for path in RUNS.iterdir())
 
 each = pytest.mark.parametrize("name", DEMONSTRATIONS)
+relived_once = cache(lambda name: relived(RUNS / name))  # for all that only look at it
 
 
 @each
 def test_the_decoded_tables_are_those_that_were_kept(name: str) -> None:
-    memory, left = relived(RUNS / name)
+    memory, left = relived_once(name)
     assert left == {}, ANEW.format(name=name)
     found = tables_of(memory)
     for table in TABLES:
@@ -36,7 +38,7 @@ def test_the_decoded_tables_are_those_that_were_kept(name: str) -> None:
 
 @each
 def test_it_shows_the_station_with_its_trouble(name: str) -> None:
-    memory, _ = relived(RUNS / name)
+    memory, _ = relived_once(name)
     (facts,) = memory.stations.values()
     kinds = memory.kinds()
     assert facts.outcome == "completed", facts.reason

@@ -16,6 +16,7 @@ from jbclog.app.run.plan import StationPlan
 from jbclog.config.line import parse_line
 from jbclog.core.errors import Problems
 from jbclog.core.rows import COLUMN
+from support.campaigns.each_row import each_row
 from support.virtual.recorded_run import plan_in
 from support.virtual.virtual_run import Heard, VirtualRun, line_text, prepare
 
@@ -39,7 +40,7 @@ rate_hz = 10
 status = "working"
 """
 
-every_format = pytest.mark.parametrize(("baudrate", "form"), list(product(RATES, FORMATS)))
+every_format = each_row((f"{rate} {form}", (rate, form)) for rate, form in product(RATES, FORMATS))
 
 
 def line_of(baudrate: int, form: str) -> str:
@@ -57,7 +58,7 @@ def test_the_formats_are_the_seventy_two_that_are_printed() -> None:
 
 
 @every_format
-def test_a_plan_reckons_with_its_bits(tmp_path: Path, baudrate: int, form: str) -> None:
+def test_a_plan_reckons_with_its_bits(baudrate: int, form: str, tmp_path: Path) -> None:
     station = planned(tmp_path, baudrate, form)
     character_s = BITS[form] / baudrate
     assert station.spec.line_format.character_s == pytest.approx(character_s)

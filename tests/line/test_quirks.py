@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,7 @@ def _feed(run: VirtualRun) -> None:
     run.at(6, lambda: run.station.plant.feeder.start(run.driver.clock.monotonic()))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """A run in which a quirk shows: its family, what the line file and the recipe say, and what
     happens meanwhile.
@@ -74,39 +75,40 @@ class Case:
 
 
 OVERHEAT = '\n[[station.sim.fault]]\nkind = "overheat"\nport = 1\nat_s = 4\nfor_s = 4\nby_c = 40\n'
+PLAIN = Case()
 ALE = Case("ale", "counters = {dispensed_length = 100.0, dispensed_cycles = 42}")
 
 IN_A_RUN: dict[str, Case] = {
     "minus_as_dot": Case(settings=", adjust = -12"),
-    "software_in_ten_characters": Case(),
-    "addresses_swapped": Case(),
-    "transformer_padded_with_blank": Case(),
-    "transformer_padded_with_zero": Case(),
-    "transformer_wants_blank": Case(),
+    "software_in_ten_characters": PLAIN,
+    "addresses_swapped": PLAIN,
+    "transformer_padded_with_blank": PLAIN,
+    "transformer_padded_with_zero": PLAIN,
+    "transformer_wants_blank": PLAIN,
     "refusal_without_code": Case("hde"),
     "extractor_refused": Case("ucr", recipe='safe_state = "extractor"\n'),
-    "sleep_delay_in_seconds": Case(),
-    "delay_without_dot": Case(),
-    "alarm_not_set_is_zero": Case(),
-    "alarm_not_set_is_out_of_range": Case(),
+    "sleep_delay_in_seconds": PLAIN,
+    "delay_without_dot": PLAIN,
+    "alarm_not_set_is_zero": PLAIN,
+    "alarm_not_set_is_out_of_range": PLAIN,
     "alarm_flags_of_any_digit": Case(sim=OVERHEAT),
     "alarm_flags_stay": Case(sim=OVERHEAT, tells=False, differs={"alarm_high": lambda _: None}),
-    "countdown_65535": Case(),
-    "countdown_zero": Case(),
+    "countdown_65535": PLAIN,
+    "countdown_zero": PLAIN,
     "port_error_80000": Case(act=_port_error),
     "power_above_full": Case(
         is_hot=False, differs={"power_permille": lambda power: min(int(str(power)), 1000)}
     ),
-    "six_letter_model": Case(),
+    "six_letter_model": PLAIN,
     "model_cut_to_five": Case("ucr", usually=True),  # UCR245 has six letters
-    "model_unpadded": Case(),
+    "model_unpadded": PLAIN,
     "hex_with_0x": ALE,
     "hex_lower_case": ALE,
     "hex_of_eight": ALE,
     "dispensed_cycles_answers_acd": ALE,
     "no_data_orders": Case("ale", act=_feed),
-    "status_acknowledged_with_value": Case(),
-    "alarm_delay_answers_ald": Case(),
+    "status_acknowledged_with_value": PLAIN,
+    "alarm_delay_answers_ald": PLAIN,
 }
 AT_THE_CLIENT = {
     "address_acknowledged_from_the_new_one",
@@ -116,9 +118,11 @@ AT_THE_CLIENT = {
 }
 
 
-def run_of(case: Case, quirks: list[str]) -> VirtualRun:
+@cache
+def run_of(case: Case, *quirks: str) -> VirtualRun:
+    """The run of a case with these quirks, for all that only look at it."""
     sim = (
-        f"joints_per_minute = 0\nquirks = {quirks}\nsettings = {{status ="
+        f"joints_per_minute = 0\nquirks = {[*quirks]}\nsettings = {{status ="
         f' "working"{case.settings}}}\n{case.sim}'
     )
     line = line_text(sim).replace('family = "dde"', f'family = "{case.family}"')
@@ -177,7 +181,7 @@ def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
 @pytest.mark.parametrize("quirk", IN_A_RUN)
 def test_a_run_records_the_same_with_a_quirk_as_without(quirk: str) -> None:
     case, number = IN_A_RUN[quirk], QUIRKS[quirk].number
-    usual, odd = run_of(case, []), run_of(case, [quirk])
+    usual, odd = run_of(case), run_of(case, quirk)
     assert (
         (odd.facts.outcome, odd.facts.reason)
         == (usual.facts.outcome, usual.facts.reason)
@@ -196,7 +200,7 @@ def test_a_run_records_the_same_with_a_quirk_as_without(quirk: str) -> None:
 @pytest.mark.parametrize("quirk", [quirk for quirk, case in IN_A_RUN.items() if case.tells])
 def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: str) -> None:
     number = QUIRKS[quirk].number
-    run = run_of(IN_A_RUN[quirk], [quirk])
+    run = run_of(IN_A_RUN[quirk], quirk)
     (event,) = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == number]
     assert event.text.startswith(DECISIONS[number].met)
     assert "First met: " in event.text
@@ -210,7 +214,7 @@ def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: s
 def test_all_quirks_at_once_change_nothing_either() -> None:
     # one padding is enough
     all_that_go_together = [quirk for quirk in IN_A_RUN if quirk != "transformer_padded_with_zero"]
-    usual, odd = run_of(ALE, []), run_of(ALE, all_that_go_together)
+    usual, odd = run_of(ALE), run_of(ALE, *all_that_go_together)
     assert odd.facts.outcome == "completed", odd.facts.reason
     assert samples(odd, ALE) == samples(usual, ALE)
     assert settings(odd) == settings(usual)

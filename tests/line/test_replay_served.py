@@ -20,8 +20,10 @@ What is compared, and what may differ:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -47,6 +49,21 @@ MAY_DIFFER = {1: 0.02, 3: 0.1, 10: 0.15}
 SPEEDS = (1, 3, 10)
 FAULT = "[[station.sim.fault]]\nkind = "
 SECONDS = 12.0
+Recorded = Callable[..., tuple[Path, Memory]]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """A run by its name, its line and more, recorded once for all speeds at which it is served; its
+    folder, and what it told.
+    """
+    home = tmp_path_factory.mktemp("served")
+
+    @cache
+    def made(name: str, line: str, **more: Any) -> tuple[Path, Memory]:
+        return home / name, kept(home / name, line, duration_s=SECONDS, **more)
+
+    return made
 
 
 def cells(memory: Memory, station: str, column: str) -> list[object]:
@@ -139,12 +156,10 @@ turnaround_ms = 20.0
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_stations_with_periods_of_their_own(tmp_path: Path, speed: int) -> None:
-    first = kept(
-        tmp_path / "run", line_text("noise_c = 0.5") + SECOND, rate="fit", duration_s=SECONDS
-    )
+def test_stations_with_periods_of_their_own(recorded: Recorded, speed: int) -> None:
+    folder, first = recorded("periods", line_text("noise_c = 0.5") + SECOND, rate="fit")
     assert len({facts.period_s for facts in first.stations.values()}) == 3
-    again, stations = recorded_again(tmp_path / "run", HOST_S * speed)
+    again, stations = recorded_again(folder, HOST_S * speed)
     assert_same(first, again, speed)
     assert all(station.strange == 0 for station in stations.values())
 
@@ -168,11 +183,9 @@ TROUBLE = {
 
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("trouble", TROUBLE)
-def test_trouble(tmp_path: Path, trouble: str, speed: int) -> None:
-    first = kept(
-        tmp_path / "run", line_text("noise_c = 0.5\n" + TROUBLE[trouble]), duration_s=SECONDS
-    )
-    again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
+def test_trouble(recorded: Recorded, trouble: str, speed: int) -> None:
+    folder, first = recorded(trouble, line_text("noise_c = 0.5\n" + TROUBLE[trouble]))
+    again, _ = recorded_again(folder, HOST_S * speed)
     assert_same(first, again, speed, MAY_DIFFER[speed])
 
 
@@ -203,12 +216,10 @@ def say_twice(run: VirtualRun) -> None:
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_answers_that_came_twice(tmp_path: Path, speed: int) -> None:
-    first = kept(
-        tmp_path / "run", line_text("noise_c = 0.5"), duration_s=SECONDS, arrange=say_twice
-    )
+def test_answers_that_came_twice(recorded: Recorded, speed: int) -> None:
+    folder, first = recorded("twice", line_text("noise_c = 0.5"), arrange=say_twice)
     assert sum(first.stations["dde-1"].strays.values()) > 10
-    again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
+    again, _ = recorded_again(folder, HOST_S * speed)
     assert_same(first, again, speed, MAY_DIFFER[speed])
 
 
@@ -224,16 +235,11 @@ def turn_down(run: VirtualRun) -> None:
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_a_change_at_the_panel_is_found_once_and_no_other(tmp_path: Path, speed: int) -> None:
-    first = kept(
-        tmp_path / "run",
-        line_text("noise_c = 0.5"),
-        duration_s=SECONDS,
-        arrange=turn_down,
-        recipe=GOES_ON,
-    )
+def test_a_change_at_the_panel_is_found_once_and_no_other(recorded: Recorded, speed: int) -> None:
+    line = line_text("noise_c = 0.5")
+    folder, first = recorded("panel", line, arrange=turn_down, recipe=GOES_ON)
     (change,) = first.of_kind("setting.changed")
-    again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
+    again, _ = recorded_again(folder, HOST_S * speed)
     assert_same(first, again, speed)
     (found,) = again.of_kind("setting.changed")
     assert (found.raw, found.text) == (change.raw, change.text)

@@ -16,6 +16,7 @@ import pytest
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES
+from support.campaigns.each_row import each_row
 from support.clients.corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
 from support.golden import FRAMES, Golden, manual_003
 from support.readers.texts import ROOT
@@ -45,7 +46,7 @@ def _forms(golden: Golden) -> list[tuple[bytes, int | None]]:
     return [(golden.addressed, 1), (golden.bare, None)]
 
 
-@pytest.mark.parametrize("golden", ANSWERS, ids=lambda golden: f"{golden.where} {golden.text}")
+@each_row((f"{golden.where} {golden.text}", (golden,)) for golden in ANSWERS)
 def test_no_single_flipped_bit_is_taken(golden: Golden) -> None:
     command = command_of(golden)
     for wire, address in _forms(golden):
@@ -105,7 +106,7 @@ def test_how_many_corruptions_of_two_bits_pass_is_published() -> None:
     assert published() == counted
 
 
-@pytest.mark.parametrize("kind", PUBLISHED, ids=lambda kind: kind.name)
+@each_row((kind.name, (kind,)) for kind in PUBLISHED)
 def test_what_passes_hides_from_an_xor_or_is_the_same_value(kind: Kind) -> None:
     golden = golden_of(kind)
     for sent, value in passing(golden):

@@ -23,7 +23,7 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
-from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, until
+from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, sampled, until
 
 Bench = tuple[Path, WireLog]
 
@@ -41,11 +41,6 @@ def told_of_units(out: Path, count: int) -> bool:
             == count
         )
     )
-
-
-def rows(out: Path) -> int:
-    """How many samples were committed so far."""
-    return len(open_run(only_run(out)).samples(columns=["tick"]))
 
 
 def serials(manifest: Manifest) -> list[str]:
@@ -80,8 +75,8 @@ def test_lines_of_a_reader_begin_units(bench: Bench, tmp_path: Path) -> None:
             run.stdin.write(typed)
             run.stdin.flush()
             assert told_of_units(out, told)
-        seen = rows(out)
-        assert until(lambda: rows(out) > seen)
+        seen = sampled(out)
+        assert until(lambda: sampled(out) > seen)
         notes = end(run)
     folder = only_run(out)
     manifest = read_manifest(folder)
@@ -157,9 +152,9 @@ def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(
             run.stdin.flush()
             if told is not None:
                 assert told_of_units(out, told)
-                seen = rows(out)
+                seen = sampled(out)
                 # more than a second at 2 Hz after it, be rows committed a second after their time
-                assert until(lambda seen=seen: rows(out) > seen + 6)
+                assert until(lambda seen=seen: sampled(out) > seen + 6)
         _, notes = run.communicate(timeout=200)
     assert "error     run: Serial SN-1 was read before, at 20" in notes
     assert "SN-2 read again continues that one" in notes

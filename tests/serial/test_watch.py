@@ -28,7 +28,7 @@ from jbclog.live import Condition, Follower, Phase, RunState
 from jbclog.live.view import DISCONNECTED
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
-from support.command import jbclog
+from support.command import jbclog, started
 from support.records.live_rows import Recording
 
 WAIT_S = 120.0
@@ -89,10 +89,7 @@ def running(home: Path, duration: str) -> Iterator[tuple[subprocess.Popen[str], 
             "-d",
             duration,
         ]
-        command = [sys.executable, "-m", "jbclog", *words]
-        with subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        ) as process:
+        with started(*words) as process:
             try:
                 yield process, home / "runs"
             finally:
@@ -218,10 +215,7 @@ def test_the_command_serves_a_page(tmp_path: Path, number: signal.Signals, code:
     recording = Recording(tmp_path)
     recording.rows(3)
     recording.commit()
-    command = [sys.executable, "-m", "jbclog", "watch", str(tmp_path), "--web", "--port", "0"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with started("watch", tmp_path, "--web", "--port", "0") as process:
         assert process.stderr is not None
         address = re.search(r"http://127\.0\.0\.1:\d+/", process.stderr.readline())
         assert address is not None
@@ -240,21 +234,7 @@ def test_the_command_serves_a_page(tmp_path: Path, number: signal.Signals, code:
 
 
 def test_another_address_comes_with_a_token(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "jbclog",
-        "watch",
-        str(tmp_path),
-        "--web",
-        "--port",
-        "0",
-        "--address",
-        "0.0.0.0",
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with started("watch", tmp_path, "--web", "--port", "0", "--address", "0.0.0.0") as process:
         assert process.stderr is not None
         found = re.search(
             r"http://0\.0\.0\.0:(\d+)/\?token=([\w-]{20,});", process.stderr.readline()

@@ -7,8 +7,10 @@ being run. ``pytest --row TEXT`` tries the rows that have TEXT in their name.
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import pytest
 
@@ -20,18 +22,24 @@ SHOWN = 5
 
 def each_row(
     rows: Iterable[tuple[str, tuple[object, ...]]],
-) -> Callable[[Callable[..., None]], Callable[[], None]]:
-    """Of rows (name, what the test is called with)."""
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Of rows (name, what the test is called with first). What else it takes are fixtures, which
+    all rows share.
+    """
     table = list(rows)
     assert table, "a table without rows proves nothing"
 
-    def over(test: Callable[..., None]) -> Callable[[], None]:
-        def every_row() -> None:
+    def over(test: Callable[..., None]) -> Callable[..., None]:
+        def every_row(**fixtures: Any) -> None:
             chosen = os.environ.get(CHOSEN, "")
             some = [(name, row) for name, row in table if chosen in name]
             if not some:
                 pytest.skip(f"no row has {chosen!r} in its name")
-            failed = [(name, why) for name, row in some if (why := _failure(test, row)) is not None]
+            failed = [
+                (name, why)
+                for name, row in some
+                if (why := _failure(test, row, fixtures)) is not None
+            ]
             for name, why in failed:
                 why.add_note(f"row: {name}")
             if failed:
@@ -40,14 +48,18 @@ def each_row(
 
         every_row.__name__, every_row.__qualname__ = test.__name__, test.__qualname__
         every_row.__module__, every_row.__doc__ = test.__module__, test.__doc__
+        shared = [*inspect.signature(test).parameters.values()][len(table[0][1]) :]
+        every_row.__signature__ = inspect.Signature(shared)  # type: ignore[attr-defined]  # pytest asks for it
         return every_row
 
     return over
 
 
-def _failure(test: Callable[..., None], row: tuple[object, ...]) -> BaseException | None:
+def _failure(
+    test: Callable[..., None], row: tuple[object, ...], fixtures: dict[str, Any]
+) -> BaseException | None:
     try:
-        test(*row)
+        test(*row, **fixtures)
     # the second is what `pytest.raises` ends with
     except (Exception, pytest.fail.Exception) as why:
         return why

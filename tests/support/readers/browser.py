@@ -9,10 +9,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from playwright.sync_api import Browser, BrowserContext, sync_playwright
-from playwright.sync_api import Page as Tab
+if TYPE_CHECKING:  # imported where a browser is started, by a few of the workers
+    from playwright.sync_api import Browser, BrowserContext
+    from playwright.sync_api import Page as Tab
 
 PROGRAM = next(
     (
@@ -181,6 +182,8 @@ class Chromium:
 @contextmanager
 def chromium() -> Iterator[Chromium]:
     """A browser with a profile of its own, which ends with the block."""
+    from playwright.sync_api import sync_playwright
+
     with sync_playwright() as client:
         browser = client.chromium.launch(executable_path=PROGRAM, args=OPTIONS, env={**os.environ})
         try:

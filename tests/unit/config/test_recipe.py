@@ -16,6 +16,7 @@ from jbclog.config.recipe import Recipe
 from jbclog.core.errors import Problems
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.family import FAMILIES
+from support.campaigns.each_row import each_row
 
 HEAD = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde", "ucr", "ale"]\n'
 
@@ -248,9 +249,9 @@ on = true
     ]
 
 
-@pytest.mark.parametrize(
-    ("section", "key", "value"),
-    [
+@each_row(
+    (f"{row}", row)
+    for row in [
         ("temperature", "select_c", "352"),
         ("temperature", "select_c", "true"),
         ("temperature", "select_c", "350.0"),
@@ -309,7 +310,7 @@ on = true
         ("metadata", "required", '["order", "order"]'),
         ("metadata", "required", '"order"'),
         ("recipe", "x", "1"),
-    ],
+    ]
 )
 def test_a_value_that_is_not_allowed_is_told_where_it_stands(
     section: str, key: str, value: str
@@ -356,9 +357,9 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
     assert isinstance(parse_recipe(f"{HEAD}\n[{section}]\n{key} = {value}\n"), Recipe)
 
 
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
+@each_row(
+    (repr(row[0]), row)
+    for row in [
         ("a = ", "job.toml:1: this is not TOML: Invalid value"),
         ("[recipe]\nname = 'x\n", 'job.toml:2: this is not TOML: Expected "\'"'),
         ("[recipe]\nname = 1\nname = 2\n", "job.toml:3: recipe.name: given twice, first in line 2"),
@@ -395,7 +396,7 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
         (HEAD.replace('"ucr"', '"dde"'), 'job.toml:4: recipe.families: "dde" is listed twice'),
         (HEAD.replace('"job"', '"j\\u202eob"'), None),
         (HEAD + "# \u202e hidden\n", "job.toml:5: holds the hidden or control character U+202E"),
-    ],
+    ]
 )
 def test_what_is_wrong_with_a_file_as_a_whole(text: str, problem: str | None) -> None:
     if problem is None:

@@ -25,6 +25,7 @@ from jbclog.core.foreign.files import (
 from jbclog.core.foreign.json_reader import expect_moment, json_of
 from jbclog.core.foreign.tables import GROUP_BYTES, MIB, open_table, read_small
 from jbclog.record.parts import ROWS_A_GROUP, write_part
+from support.campaigns.each_row import each_row
 from support.faults import bombs
 from support.records import sealed_run
 
@@ -107,8 +108,11 @@ NOT_TAKEN = [
 ]
 
 
-@pytest.mark.parametrize("text", NOT_TAKEN, ids=lambda text: text[:12])
-@pytest.mark.parametrize("around", ["{}", '{{"a": {}}}', "[1,{}]", "[1, {}]"])
+@each_row(
+    (f"{around} {text[:12]}", (text, around))
+    for text in NOT_TAKEN
+    for around in ("{}", '{{"a": {}}}', "[1,{}]", "[1, {}]")
+)
 def test_a_number_that_nobody_can_reckon_with_is_refused(text: str, around: str) -> None:
     with pytest.raises(ValueError, match=r"number|deeply|objects"):
         json_of(around.format(text))

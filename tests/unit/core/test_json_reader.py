@@ -12,6 +12,7 @@ import pytest
 
 import jbclog
 from jbclog.core.foreign.json_reader import MOST_OBJECTS, MOST_VALUES, builder, decoder, json_of
+from support.campaigns.each_row import each_row
 
 PACKAGE = Path(jbclog.__file__).parent
 DESCRIBE = {"builder", "decoder", "Decoder"}
@@ -78,11 +79,10 @@ OTHERS = [
 ]
 
 
-@pytest.mark.parametrize("text", OTHERS, ids=lambda text: text[:20])
-@pytest.mark.parametrize(
-    "around",
-    ['{"name": "a", "b": %s}', '{"name":"a","b":[1,%s]}', '{"heat_c":%s,"name":"a"}', "%s"],
-)
+AROUND = ('{"name": "a", "b": %s}', '{"name":"a","b":[1,%s]}', '{"heat_c":%s,"name":"a"}', "%s")
+
+
+@each_row((f"{around} {text[:20]}", (text, around)) for text in OTHERS for around in AROUND)
 def test_keys_that_are_not_needed_are_judged_all_the_same(text: str, around: str) -> None:
     data = (around % text).encode()
     assert outcome(lambda: read_part(data)) == outcome(

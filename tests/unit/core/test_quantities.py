@@ -105,9 +105,9 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         quantity.decode(field)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "field", "value"),
-    [
+@each_row(
+    (f"{row}", row)
+    for row in [
         (CELSIUS, "00350", 350),
         (CELSIUS, "-0050", -50),
         (CELSIUS, "-9999", -9999),  # "-9999" to "99999" (manual 002, "Data Link Layer")
@@ -157,7 +157,7 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         # any digit but 0 is set (docs/reference/contradictions.md, B-24)
         (FLAGS, "00090", (0, 0, 0, 1, 0)),
         (STATUS, "02113", (0, 2, 1, 1, 3)),
-    ],
+    ]
 )
 def test_what_is_read(quantity: Quantity, field: str, value: Value) -> None:
     read = quantity.decode(field)
@@ -165,9 +165,9 @@ def test_what_is_read(quantity: Quantity, field: str, value: Value) -> None:
     assert type(read) is type(value)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "field"),
-    [
+@each_row(
+    (f"{row}", row)
+    for row in [
         (CELSIUS, ".0050"),  # a dot is a sign in the offset only
         (OFFSET, "0.050"),
         (OFFSET, ".-050"),
@@ -215,16 +215,16 @@ def test_what_is_read(quantity: Quantity, field: str, value: Value) -> None:
         (STATUS, "00200"),
         (STATUS, "03000"),
         (STATUS, "10000"),
-    ],
+    ]
 )
 def test_what_is_not_read(quantity: Quantity, field: str) -> None:
     with pytest.raises(ValueError, match=re.escape(repr(field))):  # the message shows what came
         quantity.decode(field)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "value", "field"),
-    [
+@each_row(
+    (f"{row}", row)
+    for row in [
         (CELSIUS, 350, "00350"),
         (CELSIUS, -50, "-0050"),
         (OFFSET, -50, "-0050"),  # never with a dot
@@ -244,15 +244,15 @@ def test_what_is_not_read(quantity: Quantity, field: str) -> None:
         (NAME, "UCR245", "UCR245"),
         (MODE, "program", "00002"),
         (STATUS, (0, 0, 0, 0, 1), "00001"),
-    ],
+    ]
 )
 def test_what_is_written(quantity: Quantity, value: Value, field: str) -> None:
     assert quantity.encode(value) == field
 
 
-@pytest.mark.parametrize(
-    ("quantity", "value"),
-    [
+@each_row(
+    (f"{row}", row)
+    for row in [
         *(
             (quantity, value)
             for quantity in (CELSIUS, HOURS, CODE)
@@ -283,8 +283,7 @@ def test_what_is_written(quantity: Quantity, value: Value, field: str) -> None:
                 (0, 0, 0, 0, 10),
             )
         ),
-    ],
-    ids=repr,
+    ]
 )
 def test_what_is_not_written(quantity: Quantity, value: Value) -> None:
     with pytest.raises(ValueError, match=r"\bno|negative"):

@@ -28,6 +28,7 @@ from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joints import COLUMNS, SHOWN, joints_of
 from jbclog.report.ports import PortSamples, samples_of_stations
 from jbclog.report.write import as_document, figures_of, report_files
+from support import once
 from support.records import small_run
 from support.records.sealed_run import lose, samples, seal, station, table
 from support.virtual.lines import AIR
@@ -97,6 +98,7 @@ def test_the_scale_of_a_figure_is_found_once_for_its_two_sizes(
 
     run = small(tmp_path)
     monkeypatch.setattr(port_figure, "scale_of", again)
+    once.forget()  # or a figure that another test has drawn is not drawn again
     assert "figures/dde-1-1.svg" in report_files(run)
 
 

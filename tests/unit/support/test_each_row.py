@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import pytest
 
 from support.campaigns.each_row import CHOSEN, each_row
@@ -43,6 +45,19 @@ def test_rows_can_be_chosen_by_their_name(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv(CHOSEN, "column")
     with pytest.raises(pytest.skip.Exception, match="no row has 'column'"):
         test()
+
+
+def test_what_is_behind_the_row_are_fixtures_for_all_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(CHOSEN, raising=False)
+    tried: list[tuple[int, str, str]] = []
+
+    @each_row((f"row {number}", (number,)) for number in range(2))
+    def test_of_two(number: int, place: str, way: str) -> None:
+        tried.append((number, place, way))
+
+    assert [*inspect.signature(test_of_two).parameters] == ["place", "way"]  # as pytest asks
+    test_of_two(place="here", way="short")
+    assert tried == [(0, "here", "short"), (1, "here", "short")]
 
 
 def test_a_table_without_rows_is_no_test() -> None:

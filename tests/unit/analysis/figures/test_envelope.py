@@ -6,7 +6,7 @@ from dataclasses import astuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.analysis.figures import curves
@@ -70,7 +70,6 @@ def test_nothing_at_all() -> None:
     assert not len(lone(curve).seconds)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_the_band_holds_every_sample(data: st.DataObject) -> None:
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))

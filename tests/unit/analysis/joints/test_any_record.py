@@ -15,6 +15,7 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.measures import measure_port
 from jbclog.analysis.verdict.idle import Block
+from support.campaigns.slices import first
 from support.records.made_series import made
 
 
@@ -80,10 +81,7 @@ def any_cycles(seed: int) -> Cycles | None:
     return Cycles(at, counted) if rng.random() < 0.8 else None
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [*range(20), *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(20, 80))],
-)
+@pytest.mark.parametrize("seed", first(20, range(80)))
 def test_every_figure_has_a_value_or_a_reason(seed: int) -> None:
     series = any_series(seed)
     for kind in ("tip", "air", "omega"):

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.maintenance.counter_totals.observed import Observation
@@ -71,7 +71,6 @@ def _most(name: str, hours: float, plugged: int) -> float:
     return rate * (min(hours * 1.01, plugged + 1) if plugged >= 0 else hours * 1.01)
 
 
-@settings(max_examples=100)
 @given(
     st.tuples(HOURS, HOURS, COUNTS),
     st.tuples(HOURS, HOURS, COUNTS),
@@ -130,7 +129,6 @@ WORKED = st.lists(
 )
 
 
-@settings(max_examples=100)
 @given(st.floats(0, 99_999), st.floats(0, 99_999), WORKED)
 def test_sums_hold_what_was_worked(plugged: float, cycles: float, steps: Steps) -> None:
     """A box that was always on and worked a share of it; any step may begin with a reset."""

@@ -16,6 +16,8 @@ from jbclog.protocol.client.timing import BACK_S, NOT_ACKNOWLEDGED, restart
 from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Talk
 
+pytestmark = pytest.mark.usefixtures("way")
+
 ORDER = FAMILIES["dde"].commands["restart"]
 ANSWERS = {"RSMN": "ASMN  DDE", "RSER": "ASER00000", "RMAT": "AMAT00500"}
 

@@ -12,6 +12,8 @@ from jbclog.protocol.client.confirmed_reads import ANSWERS, confirmed_value, rea
 from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Talk
 
+pytestmark = pytest.mark.usefixtures("way")
+
 DDE = FAMILIES["dde"].commands
 LIMIT, HOURS, DELAY = DDE["alarm_high_limit"], DDE["plugged_hours"], DDE["alarm_high_delay"]
 

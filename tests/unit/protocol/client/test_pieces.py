@@ -28,11 +28,6 @@ Read = Callable[[Station], Steps[Value]]
 Chunk = tuple[float, bytes]  # seconds after the last one
 
 
-@pytest.fixture(autouse=True)
-def way() -> None:
-    """Not `conftest.way`: each test goes both ways itself."""
-
-
 def by_ask(station: Station) -> Steps[Value]:
     return station.ask(station.question(TIP, 1))
 
@@ -143,7 +138,7 @@ CUTS = st.lists(st.integers(0, 60), max_size=30)
 GAPS = st.lists(st.sampled_from([0.0, 0.0003, 0.004, 0.02, 0.07, 0.3, 1.1]), min_size=1)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(streams(), CUTS, GAPS, st.sampled_from([0, 20, 500, 700]), st.sampled_from([0.0, 0.9, 0.99]))
 @example(USUAL, [1, 2, 3, 15], [0.0003], 0, 0.0)
 @example(USUAL, [7], [0.3], 0, 0.0)  # the rest too late
@@ -161,7 +156,7 @@ def test_both_ways_ask_and_know_the_same(
     assert short.known() == long.known()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(ENDING, CUTS)
 @example(USUAL, [*range(1, 16)])
 def test_any_split_gives_what_the_whole_gives(stream: bytes, cuts: list[int]) -> None:

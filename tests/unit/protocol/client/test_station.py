@@ -23,6 +23,8 @@ from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Answer, Talk, framed
 from support.golden.form import with_check_byte
 
+pytestmark = pytest.mark.usefixtures("way")
+
 ALE = FAMILIES["ale"].commands
 TIP, STATUS, FLAGS, SELECT = (
     ALE["tip_temperature"],

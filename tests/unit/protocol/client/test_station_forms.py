@@ -21,6 +21,8 @@ from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Answer, Talk, framed
 
+pytestmark = pytest.mark.usefixtures("way")
+
 ALE, UCR = FAMILIES["ale"].commands, FAMILIES["ucr"].commands
 PROBE = ("RSMN", "ASMN  ALE")
 TIP, CYCLES, DISPENSED = ALE["tip_temperature"], ALE["desolder_cycles"], ALE["dispensed_cycles"]

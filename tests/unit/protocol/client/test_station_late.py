@@ -20,6 +20,8 @@ from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import PROMPT_S, Answer, Talk, framed, sought
 
+pytestmark = pytest.mark.usefixtures("way")
+
 DDE = FAMILIES["dde"].commands
 TIP, MODEL, SELECTED = DDE["tip_temperature"], DDE["model"], DDE["selected_temperature"]
 OTHERS = {"RSMN": "ASMN  DDE", "RSER": "ASER00000", "RMAT": "AMAT00500"}

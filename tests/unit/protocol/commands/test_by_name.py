@@ -7,6 +7,7 @@ A family that joins `FAMILIES` is walked like the others, against its own virtua
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,27 +22,30 @@ from jbclog.session.manual.names import find, is_order, readable, shared, values
 from jbclog.session.manual.read import ReadResult, only_by_name, read_all, read_value
 from jbclog.session.manual.values import shown, value_in, words_for
 from jbclog.session.manual.write import WriteOutcome, WriteRequest, WriteResult, write_value
+from support.campaigns.each_row import each_row
 from support.virtual.manual import Bench, station_text
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
 
 
-def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize(
-        ("family", "command"),
-        [
-            pytest.param(family, command, id=f"{family.name}-{command.name}")
-            for family, command in chosen
-        ],
+def _walk(
+    *chosen: tuple[Family, Command],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return each_row(
+        (f"{family.name}-{command.name}", (family, command)) for family, command in chosen
     )
 
 
+Make = Callable[[Family], Bench]
+
+
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: Family) -> Bench:
-    """A station of the family on a wire without time, its tools cold; it has been on a while."""
-    made = Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
+def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
+    """Makes a station of a family on a wire without time, its tools cold; it has been on a
+    while.
+    """
     monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
-    return made
+    return lambda family: Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
 
 
 def place_of(command: Command) -> Place:
@@ -62,7 +66,8 @@ def readings(
 
 
 @_walk(*((family, command) for family, command in EVERY if command.readable))
-def test_it_is_read_by_name_at_every_place(bench: Bench, family: Family, command: Command) -> None:
+def test_it_is_read_by_name_at_every_place(family: Family, command: Command, make: Make) -> None:
+    bench = make(family)
     found = readings(bench, command.name, place_of(command))
     ports = 1
     if command.scope in (Scope.PORT, Scope.TOOL):
@@ -83,8 +88,9 @@ def test_it_is_read_by_name_at_every_place(bench: Bench, family: Family, command
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
-def test_all_of_it_is_read_at_once_but_what_that_would_clear(bench: Bench, family: Family) -> None:
+def test_all_of_it_is_read_at_once_but_what_that_would_clear(family: Family, make: Make) -> None:
     found: list[ReadResult] = []
+    bench = make(family)
     target = bench.target("it")
     connection.ask(
         target, read_all(target, lambda contact, reading: found.append(reading)), bench.access
@@ -100,8 +106,9 @@ def test_all_of_it_is_read_at_once_but_what_that_would_clear(bench: Bench, famil
 
 @_walk(*((family, command) for family, command in EVERY if command.writable))
 def test_it_is_written_by_name_once_and_read_back(
-    bench: Bench, family: Family, command: Command
+    family: Family, command: Command, make: Make
 ) -> None:
+    bench = make(family)
     text = new_value(bench, family, command)
     port = None if command.scope is Scope.STATION else 1
     kept: list[Snapshot] = []

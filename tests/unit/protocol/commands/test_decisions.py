@@ -13,6 +13,7 @@ from jbclog.protocol.commands.decisions import DECISIONS, Decision
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
+from support.campaigns.each_row import each_row
 
 ROWS = 52
 MISPRINTS = 53  # B.4, which has no number of its own
@@ -20,9 +21,7 @@ UNDECIDED = {20, 33, 35, 51}  # what no evidence can decide: the raw value is ke
 # what only who seeks a station meets, and nobody can tell from another's refusal
 ONLY_SOUGHT = {14}
 
-decisions = pytest.mark.parametrize(
-    "decision", DECISIONS.values(), ids=lambda one: f"B-{one.number}"
-)
+decisions = each_row((f"B-{one.number}", (one,)) for one in DECISIONS.values())
 
 
 def test_every_row_has_a_decision() -> None:

@@ -15,8 +15,9 @@ from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.hotair import AIR_STATUS
 from jbclog.protocol.commands.signals import ReadInterval
 from jbclog.protocol.commands.status import SOLDERING_STATUS
+from support.campaigns.each_row import each_row
 
-families = pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
+families = each_row((family.name, (family,)) for family in FAMILIES.values())
 
 
 @families

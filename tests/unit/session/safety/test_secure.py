@@ -22,6 +22,7 @@ from jbclog.session.safety.tools import SafetyTask
 from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import SLEEP, WORKING, SimPort
 from jbclog.sim.virtual import VirtualStation
+from support.campaigns.each_row import each_row
 from support.clients.making_safe import ASKED_AT, Cable, Silent, station, task
 from support.clients.talk import framed
 from support.golden.form import with_check_byte
@@ -532,8 +533,7 @@ def test_a_tool_whose_answers_are_lost_is_told_to_stand_all_the_same(only: str) 
         assert {tool.reached for tool in made.tools} == {SafetyResult.VERIFIED}
 
 
-@pytest.mark.parametrize("seed", range(40))
-@pytest.mark.parametrize("share", [0.05, 0.25])
+@each_row((f"{share} {seed}", (share, seed)) for share in (0.05, 0.25) for seed in range(40))
 def test_whatever_is_lost_no_tool_that_heats_on_counts_as_safe(share: float, seed: int) -> None:
     device, random = station("dme", FOUR), Random(seed)
     held_hot(device, *FOUR)
