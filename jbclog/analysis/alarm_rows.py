@@ -14,8 +14,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
-from jbclog.analysis.alarms.port_watch import WORKING
+from jbclog.analysis.alarms.from_record import FlagRead, Rows
+from jbclog.analysis.alarms.live import change_of
+from jbclog.analysis.alarms.port_watch import BEFORE_ALL, WORKING, Change
+from jbclog.analysis.alarms.state_machine import WATCHED
 from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.port_split import by_port
 from jbclog.analysis.run_tables import RunTables

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from jbclog.analysis import spc
-from jbclog.analysis.alarms import Detector, Episode
+from jbclog.analysis.alarms.state_machine import Detector, Episode
 from jbclog.analysis.run import Run
 from jbclog.analysis.runs import Runs
 from jbclog.analysis.spc.distribution import Floats

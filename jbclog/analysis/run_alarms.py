@@ -22,22 +22,12 @@ from jbclog.analysis.alarm_rows import (
     RunEvents,
     read_events,
 )
-from jbclog.analysis.alarms import (
-    KIND,
-    Detector,
-    Episode,
-    Figures,
-    FlagRead,
-    Incident,
-    SampledEpisodes,
-    Unknown,
-    figures,
-    flag_episodes,
-    incidents,
-    rules_of,
-)
 from jbclog.analysis.alarms.from_record import UNKNOWN as FLAGS_LOST
-from jbclog.analysis.alarms.from_record import earliest_us
+from jbclog.analysis.alarms.from_record import FlagRead, SampledEpisodes, earliest_us, flag_episodes
+from jbclog.analysis.alarms.kpi import Figures, figures
+from jbclog.analysis.alarms.live import KIND, rules_of
+from jbclog.analysis.alarms.match import Incident, Unknown, incidents
+from jbclog.analysis.alarms.state_machine import Detector, Episode
 from jbclog.analysis.port_split import gathered
 from jbclog.analysis.run_tables import RunTables
 from jbclog.core.rows import StationFacts

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from jbclog.analysis.alarms import Detector, Episode, Figures, Incident, State
+from jbclog.analysis.alarms.kpi import Figures
+from jbclog.analysis.alarms.match import Incident
+from jbclog.analysis.alarms.state_machine import Detector, Episode, State
 from jbclog.core.text import count_text
 
 if TYPE_CHECKING:

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.analysis.alarms import Detector, LiveAlarms, flag_episodes
+from jbclog.analysis.alarms.from_record import flag_episodes
+from jbclog.analysis.alarms.live import LiveAlarms
+from jbclog.analysis.alarms.state_machine import Detector
 from jbclog.core.rows import COLUMN, EventRow
 from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare

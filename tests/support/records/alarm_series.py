@@ -14,16 +14,10 @@ from typing import Protocol
 
 import numpy as np
 
-from jbclog.analysis.alarms import (
-    BEFORE_ALL,
-    Change,
-    Detector,
-    Episode,
-    LiveAlarms,
-    Rows,
-    SampledEpisodes,
-)
-from jbclog.analysis.alarms.port_watch import WORKING
+from jbclog.analysis.alarms.from_record import Rows, SampledEpisodes
+from jbclog.analysis.alarms.live import LiveAlarms
+from jbclog.analysis.alarms.port_watch import BEFORE_ALL, WORKING, Change
+from jbclog.analysis.alarms.state_machine import Detector, Episode
 from jbclog.app.run.run_record import _Tap
 from jbclog.core.rows import (
     COLUMN,
@@ -134,7 +128,7 @@ def replayed(
     """The episodes of the series as a record gives them, in some pieces; `steps_us`: row -> step of
     the clock before it.
     """
-    from jbclog.analysis.alarms import rules_of
+    from jbclog.analysis.alarms.live import rules_of
 
     before = [Change(BEFORE_ALL, row.setting, row.readback) for row in setting_rows()]
     changes = [*before, *(change for _, change in series.changes)]

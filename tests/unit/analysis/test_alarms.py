@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.analysis.alarms import Detector
+from jbclog.analysis.alarms.state_machine import Detector
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import TABLE
 from jbclog.record.annotations import append, read

@@ -79,8 +79,7 @@ PLAN = {
     "session.scheduler",
 }
 RUN = PLAN | {
-    *("analysis", "analysis.alarms", "analysis.alarms.from_record", "analysis.alarms.kpi"),
-    *("analysis.alarms.live", "analysis.alarms.match", "analysis.alarms.port_watch"),
+    *("analysis", "analysis.alarms", "analysis.alarms.live", "analysis.alarms.port_watch"),
     *("analysis.alarms.state_machine", "analysis.rule_versions"),
     *("app.run.goals", "app.run.recorder", "app.run.run_record", "app.run.runner"),
     *("app.run.tasks", "app.run.unit_feed", "cli.progress", "cli.run", "cli.terminal"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.analysis.alarms import Detector, figures
-from jbclog.analysis.alarms.state_machine import Episode, Side
+from jbclog.analysis.alarms.kpi import figures
+from jbclog.analysis.alarms.state_machine import Detector, Episode, Side
 
 S = 1_000_000
 

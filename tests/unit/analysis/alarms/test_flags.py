@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from jbclog.analysis.alarms import Episode, FlagRead, State, flag_episodes
+from jbclog.analysis.alarms.from_record import FlagRead, flag_episodes
+from jbclog.analysis.alarms.state_machine import Episode, State
 from jbclog.core.rows import EventRow, Severity
 
 

@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.analysis.alarms import (
-    Detector,
-    Episode,
-    Figures,
-    Incident,
-    Side,
-    Unknown,
-    figures,
-    incidents,
-)
+from jbclog.analysis.alarms.kpi import Figures, figures
+from jbclog.analysis.alarms.match import Incident, Unknown, incidents
+from jbclog.analysis.alarms.state_machine import Detector, Episode, Side
 
 A, B, C = Detector
 

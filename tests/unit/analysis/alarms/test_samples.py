@@ -13,19 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbclog.analysis.alarms import (
-    BEFORE_ALL,
-    Change,
-    Detector,
-    Episode,
-    LiveAlarms,
-    Rules,
-    SampledEpisodes,
-    State,
-    from_record,
-)
-from jbclog.analysis.alarms.port_watch import PortWatch
-from jbclog.analysis.alarms.state_machine import Report
+from jbclog.analysis.alarms import from_record
+from jbclog.analysis.alarms.from_record import SampledEpisodes
+from jbclog.analysis.alarms.live import LiveAlarms
+from jbclog.analysis.alarms.port_watch import BEFORE_ALL, Change, PortWatch
+from jbclog.analysis.alarms.state_machine import Detector, Episode, Report, Rules, State
 from support.records.alarm_series import (
     PERIOD_S,
     SETTINGS,
