@@ -8,11 +8,9 @@ folder no link is followed; a path that the user names may be a link.
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import re
 import stat
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -24,7 +22,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from jbclog.core.children import kill
 from jbclog.core.errors import RecordError
 
 # A call on a hanging network mount cannot be interrupted, not even by a signal. So a child process
@@ -71,6 +68,10 @@ def _why_hangs(folder: Path, _minute: int) -> str | None:
 
 
 def _ask(folder: Path) -> None:
+    import subprocess  # a guard loads it for nothing else
+
+    from jbclog.core.children import kill
+
     child = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", LOOK, str(folder)],
         stdin=subprocess.DEVNULL,
@@ -327,18 +328,22 @@ class Line(NamedTuple):
 
 def each_line(file: BufferedReader) -> Iterator[Line]:
     """Yield the lines of a file, holding at most `LONGEST_LINE` bytes in memory. Raises OSError."""
+    from hashlib import sha256  # loads OpenSSL, which a guard does not need
+
     while text := file.readline(LONGEST_LINE + 1):
         if text.endswith(b"\n"):
             text = text[:-1]
-            yield Line(text, hashlib.sha256(text).hexdigest(), is_ended=True)
+            yield Line(text, sha256(text).hexdigest(), is_ended=True)
         elif len(text) <= LONGEST_LINE:
-            yield Line(text, hashlib.sha256(text).hexdigest(), is_ended=False)
+            yield Line(text, sha256(text).hexdigest(), is_ended=False)
         else:
             yield _long_line(file, text)
 
 
 def _long_line(file: BufferedReader, text: bytes) -> Line:
-    found = hashlib.sha256()
+    from hashlib import sha256
+
+    found = sha256()
     while text and not text.endswith(b"\n"):
         found.update(text)
         text = file.readline(LONGEST_LINE)

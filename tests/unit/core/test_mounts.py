@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -77,7 +76,7 @@ def test_the_child_that_looked_is_reaped_when_it_ends(
             super().__init__(command, **how)
             children.append(self)
 
-    monkeypatch.setattr(files, "subprocess", SimpleNamespace(**vars(subprocess) | {"Popen": Child}))
+    monkeypatch.setattr(subprocess, "Popen", Child)
     with pytest.raises(RecordError):
         expect_answer(hanging)
     assert until(lambda: children[0].returncode is not None)
