@@ -80,13 +80,15 @@ def run_of(process: int) -> Path | None:
 
 
 def _folders_of(process: int) -> Iterator[Path]:
-    """Yield the run folders whose locks a process has open."""
+    """Yield the run folders whose locks a process has open. A start looks at all that processes
+    have open, so only locks become paths.
+    """
     with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
         for descriptor in descriptors:
             with contextlib.suppress(OSError):
-                opened = Path(os.readlink(descriptor.path))  # noqa: PTH115  # scandir gives no Path
-                if opened.name == LOCK and opened.exists():
-                    yield opened.parent
+                opened = os.readlink(descriptor.path)  # noqa: PTH115  # scandir gives no Path
+                if opened.endswith(f"/{LOCK}") and Path(opened).exists():
+                    yield Path(opened).parent
 
 
 def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
