@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -148,27 +149,35 @@ def previous_run(out: Path, line: str, own: Path | None = None) -> Previous:
     `own`. Raises RecordError if the network mount of `out` hangs.
     """
     expect_answer(out)
-    others = [folder for folder in _runs_of(out, line) if own is None or folder.name != own.name]
-    newest_first = sorted(others, key=lambda folder: folder.name, reverse=True)
-    for folder in newest_first:
+    others = [name for name in _runs_of(out, line) if own is None or name != own.name]
+    for folder in (out / name for name in reversed(others)):
         with suppress(RecordError, OSError):
             if read_manifest(folder).is_sealed:
                 return Previous(
                     folder.name, manifest_sha256(folder), f"The run before this one on line {line}."
                 )
-    if newest_first:
+    if others:
         return Previous(
             None, None, f"No run of line {line} in this folder was sealed when this one began."
         )
     return Previous(None, None, f"The first run of line {line} in this folder.")
 
 
-def _runs_of(out: Path, line: str) -> Iterator[Path]:
+def _runs_of(out: Path, line: str) -> list[str]:
+    """Return the names of the line's runs below `out`, oldest first. A start waits for this: there
+    may be ten thousand.
+    """
     name = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(line)}-[{LETTERS}]{{4}}")
-    with suppress(OSError):  # creating a run reports whether the folder is usable
-        for path in out.iterdir():
-            if name.fullmatch(path.name) and not path.is_symlink() and path.is_dir():
-                yield path
+    # creating a run reports whether the folder is usable
+    with suppress(OSError), os.scandir(out) as entries:
+        return sorted(one.name for one in entries if name.fullmatch(one.name) and _is_folder(one))
+    return []
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    with suppress(OSError):
+        return entry.is_dir(follow_symlinks=False)
+    return False
 
 
 def broken_links(folder: Path, manifest: Manifest) -> Iterator[str]:
@@ -197,7 +206,7 @@ def _behind(folder: Path, manifest: Manifest) -> Iterator[str]:
     if manifest.line is None or folder.name != manifest.run:
         return
     own = manifest_sha256(folder)
-    for path in sorted(_runs_of(folder.parent, manifest.line.name)):
+    for path in (folder.parent / name for name in _runs_of(folder.parent, manifest.line.name)):
         with suppress(RecordError, OSError):
             if path.name == folder.name or manifest.run.encode() not in read_foreign(
                 path / NAME, Kind.MANIFEST

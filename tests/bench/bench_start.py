@@ -1,6 +1,6 @@
 """How long a start takes: CPU of ``jbclog --help`` and ``jbclog plan`` in a fresh process, as
 multiples of an empty Python program (the minimum for any program in Python); and the time to the
-first sample of ``jbclog run``, on a link paced by its baud rate.
+first sample of ``jbclog run``, on a link paced by its baud rate, also into a folder of many runs.
 
 The processes alternate, so that other load on the machine affects all of them.
 """
@@ -22,6 +22,7 @@ MAIN = [sys.executable, "-c", "from jbclog.cli import main; main()"]
 NOTHING = "python -c pass"
 MOST_HELP, MOST_PLAN = 5.0, 20.0  # multiples
 MOST_FIRST_S = 1.7
+EARLIER_RUNS = 10_000
 
 
 def main() -> int:
@@ -45,6 +46,8 @@ def main() -> int:
         )
         run = [*MAIN, "run", recipe, "--line", str(stations.line), "--duration", "1s", "--out"]
         first = [_first_sample_s(run, stations.folder / f"out-{n}") for n in range(times)]
+        many = _many_runs(stations.folder / "many")
+        among = [_first_sample_s(run, many) for _ in range(max(times // 3, 2))]
     nothing = cpu[NOTHING]
     show(
         f"CPU, median of {times} processes",
@@ -54,7 +57,10 @@ def main() -> int:
     show(
         f"seconds from the start of {times} processes to the first sample of one port",
         ("", "median", "least", "most"),
-        [["jbclog run", median(first), min(first), max(first)]],
+        [
+            ["jbclog run", median(first), min(first), max(first)],
+            [f"beside {EARLIER_RUNS} runs", median(among), min(among), max(among)],
+        ],
     )
     help_, plan = cpu["jbclog --help"] / nothing, cpu["jbclog plan"] / nothing
     return judge(
@@ -89,9 +95,17 @@ def _first_sample_s(run: Sequence[str], out: Path) -> float:
         stderr=subprocess.DEVNULL,
         env=os.environ | {"JBCLOG_NO_METRICS": "1"},
     )
-    (folder,) = out.glob("*-bench-*")
+    folder = max(out.glob("*-bench-*"))  # the newest by its name
     times = pq.read_table(folder / "samples", columns=["time"])["time"].cast("int64").to_pylist()
     return min(times) / 1e6 - began
+
+
+def _many_runs(out: Path) -> Path:
+    """Make the folders of many earlier runs below `out`, of another line."""
+    out.mkdir()
+    for number in range(EARLIER_RUNS):
+        (out / f"20260101T{number:06}Z-line-2-aaaa").mkdir()
+    return out
 
 
 if __name__ == "__main__":

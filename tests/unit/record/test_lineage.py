@@ -5,6 +5,7 @@ unseen.
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,6 +61,24 @@ def test_it_is_the_newest_that_is_sealed(tmp_path: Path) -> None:
     sealed(tmp_path, NAMES[2], state="open")
     found = previous_run(tmp_path, "bench")
     assert (found.run, found.sha256) == (NAMES[1], manifest_sha256(tmp_path / NAMES[1]))
+
+
+def test_of_thousands_only_the_newest_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A start waits for this: it lists the folder once, and looks at no other run."""
+    for name in NAMES:
+        sealed(tmp_path, name)
+    looked, real = list[Path](), Path.stat
+
+    def stat(path: Path, *, follow_symlinks: bool = True) -> os.stat_result:
+        looked.append(path)
+        return real(path, follow_symlinks=follow_symlinks)
+
+    monkeypatch.setattr(Path, "stat", stat)
+    assert previous_run(tmp_path, "bench").run == NAMES[-1]
+    older = {tmp_path / name for name in NAMES[:-1]}
+    assert not [path for path in looked if older & {path, *path.parents}]
 
 
 def test_where_none_is_sealed_it_says_so(tmp_path: Path) -> None:
