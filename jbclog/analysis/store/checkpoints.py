@@ -1,5 +1,5 @@
-"""Limits of a table's log, which the library reads whole: its checkpoints, which are Parquet, and
-the commits behind them.
+"""Limits of a table's log, checked because the library reads it whole: its checkpoints, which are
+Parquet files, and the commits after them.
 """
 
 from __future__ import annotations
@@ -15,20 +15,21 @@ from jbclog.core.foreign.parquet_sizes import sizes_of
 
 WHOLE: Final = re.compile(r"\d{20}\.checkpoint\.parquet")
 FREE_ROWS: Final = 10_000
-BYTES_A_ROW: Final = 8  # each names a file at random
+BYTES_A_ROW: Final = 8  # each row names a file by random characters, which do not compress
 FREE_BYTES: Final = 64 * MIB
-TIMES: Final = 64  # of its size; statistics as JSON pack to a tenth
-KEPT: Final = 1000
+TIMES: Final = 64  # unpacked bytes for each byte; statistics as JSON compress to a tenth
+KEPT: Final = 1000  # files whose check is remembered
 COMMIT: Final = re.compile(r"\d{20}\.json")
-# a checkpoint follows each hundredth commit; one that joins 10 000 files has 10 000 lines and more
+# The library writes a checkpoint after each hundred commits; a commit that joins 10 000 files has
+# more than 10 000 lines.
 MOST_LINES: Final = 100_000
-LINES: Final = re.compile(rb"\n|\}[ \t\r]*\{")  # the library needs no line end between two objects
-SHORTEST: Final = 64  # bytes of a line that names a file
+LINES: Final = re.compile(rb"\n|\}[ \t\r]*\{")  # the library accepts two objects on a line
+SHORTEST: Final = 64  # least bytes of a line that names a file
 
 
 def expect_bounded(paths: Iterable[Path]) -> None:
-    """Raise `NotReadable` if what the library may read takes too much: the newest checkpoint that
-    is one file, all in parts, and the commits behind the newest.
+    """Raise `NotReadable` if the files that the library may read exceed the limits: the newest
+    checkpoint in a single file, the commits after it, and all checkpoints in parts.
     """
     log = [*paths]
     found = sorted(path for path in log if path.suffix == ".parquet")
@@ -36,11 +37,15 @@ def expect_bounded(paths: Iterable[Path]) -> None:
     _expect_few_lines(log, whole[-1].name[:20] if whole else "")
     for path in {*found} - {*whole[:-1]}:
         there = path.lstat()
-        _looked_at(path, there.st_ino, there.st_size, there.st_mtime_ns, there.st_ctime_ns)
+        _expect_bounded_checkpoint(
+            path, there.st_ino, there.st_size, there.st_mtime_ns, there.st_ctime_ns
+        )
 
 
 def _expect_few_lines(log: Iterable[Path], checkpoint: str) -> None:
-    """`checkpoint` is the number of the newest one: the library reads the commits behind it."""
+    """Limit the lines of the commits that the library reads: those after `checkpoint`, the number
+    of the newest one.
+    """
     commits = [path for path in log if COMMIT.fullmatch(path.name) and path.stem > checkpoint]
     if sum(path.lstat().st_size for path in commits) <= MOST_LINES * SHORTEST:
         return
@@ -52,7 +57,8 @@ def _expect_few_lines(log: Iterable[Path], checkpoint: str) -> None:
 
 
 @lru_cache(maxsize=KEPT)
-def _looked_at(path: Path, *_: int) -> None:
+def _expect_bounded_checkpoint(path: Path, *_: int) -> None:
+    """Check a checkpoint, once for each state of its file."""
     try:
         with open_foreign(path, Kind.STORE_LOG) as data:
             found = sizes_of(data)

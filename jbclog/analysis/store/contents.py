@@ -1,5 +1,5 @@
-"""The rows of a sealed run as a store has them: its record piece by piece, what is computed from
-it, and its row in `runs`.
+"""The rows of a sealed run in a store: those of its record, read piece by piece, those computed
+from the record, and its row in `runs`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SMALL_FILES: Final = {
     ANNOTATIONS: Kind.ANNOTATIONS,
     "line.toml": Kind.SETTINGS,
 }
-"""Files that a store keeps whole, beside the copies of the recipes."""
+"""Files that a store keeps byte for byte, besides the copies of the recipes."""
 SAME_NAME: Final = (
     "verdict",
     "exit_status",
@@ -46,19 +46,17 @@ SAME_NAME: Final = (
 LISTS: Final = ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
 
 Partition = Mapping[str, str | None]
-"""The values of `line` and `month`."""
+"""The values of the columns `line` and `month`; None if not known."""
 
 
 def partition_of(found: Found) -> Partition:
-    """Return the line, and the month in which the run started (UTC); None where the manifest does
-    not say.
-    """
-    started = _moment(found.started)
+    """Return the line, and the month of the run's start (UTC); None if the manifest has none."""
+    started = _time_of(found.started)
     return {"line": found.line, "month": None if started is None else f"{started:%Y-%m}"}
 
 
 def rows_of(run: Run, table: str) -> Iterator[pa.Table]:
-    """Yield the rows of one table of a run, those of its record one row group at a time. Raises
+    """Yield the rows of one table of a run; those of its record one row group at a time. Raises
     `RecordError`.
     """
     if table in RECORD:
@@ -69,17 +67,17 @@ def rows_of(run: Run, table: str) -> Iterator[pa.Table]:
 def _computed(run: Run, table: str) -> pa.Table:
     schema = OWN[table]
     if table in ("joints", "metrics"):
-        joints, metrics = _measured(run)
+        joints, metrics = _joint_and_metric_rows(run)
         return joints if table == "joints" else pa.Table.from_pylist(metrics, schema=schema)
     return pa.Table.from_pandas(
         run.units() if table == "units" else run.alarms(), schema=schema, preserve_index=False
     )
 
 
-@lru_cache(maxsize=1)  # for the two tables of one run
-def _measured(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
-    """Return joints and metrics as they are stored; where both are not, from one pass over the
-    samples.
+@lru_cache(maxsize=1)  # `joints` and `metrics` of a run need it, one after the other
+def _joint_and_metric_rows(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
+    """Return joints and metrics as stored with the run; if it has neither, compute both in one pass
+    over the samples.
     """
     digest = manifest_sha256(run.folder)
     if stored_joints(run.folder, digest) is None and stored_metrics(run.folder, digest) is None:
@@ -91,7 +89,7 @@ def _measured(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
 def stamped(
     pieces: Iterable[pa.Table], table: str, run: str, publication: str, partition: Partition
 ) -> Iterator[pa.RecordBatch]:
-    """Yield the pieces with the columns that each row of a store has. No piece is kept."""
+    """Yield the rows with the columns that every table of a store has. Keeps no piece."""
     schema, first = schema_of(table), 0
     for piece in pieces:
         own = [piece[name] for name in OWN[table].names]
@@ -119,8 +117,12 @@ def run_row(
     rows: Mapping[str, int],
     files: Iterable[tuple[str, bytes]],
 ) -> pa.Table:
-    """Return the run's row in `runs`. `publications`: of its record and of its findings; `rows`:
-    the count of each table.
+    """Return the run's row in `runs`.
+
+    - `publications`: that of its record, then that of its findings
+    - `publisher`: name of the publishing host
+    - `rows`: number of rows in each table
+    - `files`: name and bytes of each small file
     """
     row: dict[str, object] = {name: getattr(found, name) for name in SAME_NAME}
     row |= {name: list(getattr(found, name)) for name in LISTS}
@@ -133,8 +135,8 @@ def run_row(
         "findings": publications[1],
         "published": datetime.now(UTC),
         "publisher": publisher,
-        "started": _moment(found.started),
-        "ended": _moment(found.ended),
+        "started": _time_of(found.started),
+        "ended": _time_of(found.ended),
         "periods": [*found.periods_s.items()],
         "tags": [*found.tags.items()],
         "annotations": list(identity.annotations),
@@ -146,7 +148,7 @@ def run_row(
 
 
 def small_files(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield name and bytes of each small file of a run that is there: manifest, annotations, line,
+    """Yield name and bytes of each small file that the run has: manifest, annotations, line,
     recipes. Raises OSError.
     """
     folder = run.folder
@@ -162,5 +164,5 @@ def small_files(run: Run) -> Iterator[tuple[str, bytes]]:
             continue
 
 
-def _moment(text: str | None) -> datetime | None:
+def _time_of(text: str | None) -> datetime | None:
     return None if text is None else datetime.fromisoformat(text)

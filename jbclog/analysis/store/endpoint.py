@@ -1,8 +1,8 @@
-"""Whether the S3 server of a store answers at all: the library waits half a minute for each answer,
-and follows a list for as long as the server says that it continues.
+"""Checks that the S3 server of a store answers. The library waits half a minute for each answer,
+and reads a list for as long as the server says that it continues.
 
-It waits in native code, which nothing interrupts. So a process of its own asks first, for a list
-that is empty, and is ended by its alarm.
+The library waits in native code, which nothing interrupts. So a child process asks first, for the
+list of an empty folder, and an alarm ends it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ ENDPOINT: Final = "AWS_ENDPOINT_URL"
 KEY: Final = "AWS_ACCESS_KEY_ID"
 CREDENTIALS: Final = (
     f"; credentials come from the environment: {KEY}, AWS_SECRET_ACCESS_KEY, AWS_REGION, and"
-    f" {ENDPOINT} for a server that is not Amazon's"
+    f" {ENDPOINT} for a server other than Amazon's"
 )
 NOTHING: Final = "_nothing"  # no table has this name
-MOST_SAID: Final = 100
+MOST_SAID: Final = 100  # characters of host and port
 LOADS_S: Final = 60.0  # for the library: a home folder on a network may be slow, or hang
 ASK: Final = """
 import signal, sys
@@ -42,15 +42,17 @@ DeltaTable.is_deltatable(sys.argv[2], json.loads(sys.argv[3]))
 
 
 def expect_list(store: str, options: Mapping[str, str]) -> None:
-    """Raise `StoreError` where the server of `store` does not list an empty folder within
-    `ANSWERS_S`. Whatever else it answers is the library's to judge.
+    """Raise `StoreError` if the server of `store` does not list an empty folder within `ANSWERS_S`.
+    The library judges any other answer.
     """
     _ask(store, json.dumps({**options}), os.environ.get(ENDPOINT, ""))
 
 
 @lru_cache
 def _ask(store: str, options: str, endpoint: str) -> None:
-    """Ask once: one that has answered may be slow later."""
+    """Ask a server until it has answered once. It may be slow later: then the library's own time
+    limit applies.
+    """
     folder = f"{store.rstrip('/')}/{NOTHING}"
     ended = subprocess.run(
         [sys.executable, "-P", "-c", ASK, str(ANSWERS_S), folder, options, str(LOADS_S)],
@@ -67,12 +69,12 @@ def _ask(store: str, options: str, endpoint: str) -> None:
             f"{store}: its server was not asked: deltalake did not load within {LOADS_S:g} s"
         )
     raise StoreError(
-        f"{store}: its server{_named(endpoint)} does not answer within {ANSWERS_S:g} s"
+        f"{store}: its server{_host_of(endpoint)} does not answer within {ANSWERS_S:g} s"
         f"{'' if os.environ.get(KEY) else CREDENTIALS}"
     )
 
 
-def _named(endpoint: str) -> str:
-    """Return host and port; before them an address may have a password."""
+def _host_of(endpoint: str) -> str:
+    """Return host and port of an address for a message, without a password that the address has."""
     host = endpoint.partition("//")[2].partition("/")[0].rpartition("@")[2]
     return f" {shortened(clean(host), MOST_SAID)} ({ENDPOINT})" if host else ""

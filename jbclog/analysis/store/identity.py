@@ -1,9 +1,9 @@
-"""Which run a folder holds, and whether a store has it already.
+"""Identifies the run in a folder, and decides whether a store has it already.
 
-A run is its manifest: the same name with another manifest is another run, and refused. What is
-known of it grows by annotations, each a link of a chain that begins at the manifest. So of two
-copies the one whose chain continues the other's is the newer one, and copies that were annotated
-differently on two computers are neither.
+The manifest identifies a run: the same name with another manifest is another run, and refused. A
+run changes later only by annotations, which form a chain that begins with the manifest. Of two
+copies, the one whose chain continues the other's is newer. Copies that were annotated differently
+on two computers are refused, because neither is newer.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from jbclog.record.manifest import manifest_sha256, read_manifest
 
 
 class Step(Enum):
-    """What is left to publish."""
+    """What a store lacks of a run; `OLDER`: nothing, it has a newer version."""
 
     ALL = auto()
     FINDINGS = auto()
@@ -33,8 +33,8 @@ class Step(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A run, and what is known of it: hashes of its annotations, the oldest first, and the version
-    of the rules for its figures.
+    """A run and its version: SHA-256 of the manifest and of each annotation, oldest first, and the
+    version of the rules for its figures.
     """
 
     run: str
@@ -43,35 +43,35 @@ class Identity:
     rules: int = RULES
 
     def step(self, known: Identity | None) -> Step:
-        """Return what a store that has `known` of this run lacks. Raises `RecordError` if the two
-        contradict each other.
+        """Return what a store lacks of this run. `known`: the store's version of it, None if it has
+        none. Raises `RecordError` if the two contradict each other.
         """
         if known is None:
             return Step.ALL
         if known.manifest_sha256 != self.manifest_sha256:
             raise RecordError(
-                f"{self.run}: the store has a run of this name with another manifest"
+                f"{self.run}: the store has this run with another manifest"
                 f" ({short_head(known.manifest_sha256)}, here {short_head(self.manifest_sha256)});"
                 " nothing was published. `jbclog check` shows which folder was changed"
             )
-        if _begins(self.annotations, known.annotations):
+        if _starts_with(self.annotations, known.annotations):
             grown = len(self.annotations) > len(known.annotations)
             return Step.FINDINGS if grown or self.rules > known.rules else Step.NOTHING
-        if _begins(known.annotations, self.annotations):
+        if _starts_with(known.annotations, self.annotations):
             return Step.OLDER
         raise RecordError(
             f"{self.run}: this copy and the one in the store were annotated differently; nothing"
-            " was published. Annotate one copy"
+            " was published. Annotate only one copy of a run"
         )
 
 
-def _begins(whole: Sequence[str], part: Sequence[str]) -> bool:
+def _starts_with(whole: Sequence[str], part: Sequence[str]) -> bool:
     return tuple(whole[: len(part)]) == tuple(part)
 
 
 def identity_of(folder: Path) -> Identity:
-    """Return the identity of the sealed run in `folder`. Raises `RecordError` for one that is not
-    sealed, or not whole.
+    """Return the identity of the sealed run in `folder`. Raises `RecordError` if it is not sealed,
+    or if its name or its annotations are damaged.
     """
     manifest = read_manifest(folder)
     if not manifest.is_sealed:
@@ -84,12 +84,12 @@ def identity_of(folder: Path) -> Identity:
             f"{folder}: its manifest names the run {manifest.run!r:.100}, as no run is named;"
             " nothing was published"
         )
-    said = read_annotations(folder)
-    if said.wrong:
+    annotations = read_annotations(folder)
+    if annotations.wrong:
         raise RecordError(
-            f"{folder}: {said.complaints()[0]}; nothing was published. `jbclog check` lists all"
-            " findings"
+            f"{folder}: {annotations.complaints()[0]}; nothing was published. `jbclog check` lists"
+            " all findings"
         )
-    # without the lines that name a report
-    hashes = tuple(sha256(line_of(asdict(one))) for one in said.said)
+    # `said` leaves out the lines that name a report
+    hashes = tuple(sha256(line_of(asdict(one))) for one in annotations.said)
     return Identity(manifest.run, manifest_sha256(folder), hashes)

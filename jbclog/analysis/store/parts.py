@@ -1,5 +1,5 @@
-"""A table of a store in parts that are read apart, also on other computers: some files, or some row
-groups of a large one.
+"""Parts of a store's table that are read independently, also on other computers: some files, or
+some row groups of a large one.
 """
 
 from __future__ import annotations
@@ -21,16 +21,18 @@ from jbclog.analysis.store.rows import chosen_rows
 from jbclog.analysis.store.schema import schema_of
 
 PART_ROWS: Final = 2_000_000
-"""A larger file is divided, and smaller ones are read together: a task costs a scheduler, a worker
-and who asks 6 ms in all, and these rows take 0.3 s.
+"""Rows of a part. A larger file is divided, and smaller ones are joined: a task costs scheduler,
+worker and client 6 ms in all, and these rows take 0.3 s.
 """
 MOST_FILES: Final = 32
-"""Files that are read together. One of some rows takes some ms, from S3 some ten."""
+"""Files of a part. A file with few rows takes a few ms to read, about 10 ms from S3."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilePart:
-    """One of so many `shares` of a file of a table, and the publications whose rows count in it."""
+    """One share of a table's file (`share` of `shares`, from 0), and the publications whose rows
+    count.
+    """
 
     place: Place
     table: str
@@ -41,13 +43,13 @@ class FilePart:
 
     @property
     def wanted(self) -> pc.Expression:
-        """The condition that a row counts."""
+        """Condition for the rows that count."""
         return pc.field("publication").isin(pa.array(sorted(self.publications), pa.utf8()))
 
     def pieces(
         self, columns: Sequence[str], condition: pc.Expression | None = None
     ) -> Iterator[pa.Table]:
-        """Yield the rows that count and match, 32 768 or fewer at a time, by one thread. Raises
+        """Yield the matching rows that count, at most 32 768 at a time, in one thread. Raises
         `RecordError`.
         """
         chosen = self.wanted if condition is None else self.wanted & condition
@@ -74,26 +76,26 @@ class FilePart:
 
 @dataclass(frozen=True, slots=True)
 class Files:
-    """What one task reads."""
+    """The files, and shares of files, that one task reads."""
 
     files: tuple[FilePart, ...]
 
     @property
     def publications(self) -> frozenset[str]:
-        """The publications whose rows count."""
+        """Publications whose rows count."""
         return frozenset().union(*(one.publications for one in self.files))
 
     def pieces(
         self, columns: Sequence[str], condition: pc.Expression | None = None
     ) -> Iterator[pa.Table]:
-        """Yield the rows that count and match, file by file. Raises `RecordError`."""
+        """Yield the matching rows that count, file by file. Raises `RecordError`."""
         for one in self.files:
             yield from one.pieces(columns, condition)
 
 
 def together(files: Iterable[tuple[FilePart, int]]) -> Iterator[Files]:
-    """Yield parts of `PART_ROWS` rows or fewer, in the order of the files; each comes with the
-    number of its rows.
+    """Group files into parts of at most `PART_ROWS` rows, in order; `files` has each file's number
+    of rows.
     """
     mine: list[FilePart] = []
     rows = 0
@@ -108,13 +110,13 @@ def together(files: Iterable[tuple[FilePart, int]]) -> Iterator[Files]:
 
 
 def table_files(place: Place, table: str) -> pf.FileSystem:
-    """Return a table's files, their names relative to it."""
+    """Return the files of a table as a file system; names are relative to the table."""
     return Place(place.of(table)).files()
 
 
 def parts_of(store: Store, table: str, runs: Iterable[Published]) -> list[Files]:
-    """Return the parts in which rows of these runs can be, by line, month and the files'
-    statistics. Raises `RecordError`.
+    """Return the parts that may have rows of these runs, by line, month and the statistics of the
+    files. Raises `RecordError`.
     """
     return [*together(_files(store, table, runs))]
 
@@ -130,7 +132,7 @@ def _files(store: Store, table: str, runs: Iterable[Published]) -> Iterator[tupl
         }
         files = actions_of(store.table(table)).to_pylist()
     chosen = [(file, mine) for file in files if (mine := _publications(file, wanted))]
-    with explained(store.place.url):  # then the numbers of rows that the log has are true
+    with explained(store.place.url):  # afterwards the log's numbers of rows are known to be true
         store.data_files(table).expect_bounded(paths[unquote(one["path"])] for one, _ in chosen)
     for file, mine in sorted(chosen, key=lambda one: str(one[0]["path"])):
         rows = file["num_records"] or 1
@@ -143,7 +145,7 @@ def _files(store: Store, table: str, runs: Iterable[Published]) -> Iterator[tupl
 def _publications(
     file: Mapping[str, Any], wanted: Mapping[tuple[str | None, str | None], Collection[str]]
 ) -> frozenset[str]:
-    """Return the publications of which a file can have rows, by its partition and statistics."""
+    """Return the publications of which a file may have rows, by its partition and statistics."""
     first, last = file.get("min.publication") or "", file.get("max.publication")
     of_partition = wanted.get((file.get("partition.line"), file.get("partition.month")), ())
     return frozenset(
@@ -153,13 +155,13 @@ def _publications(
 
 @dataclass(frozen=True, slots=True)
 class MetricRows:
-    """Reads the metrics of one part: of one station or of all, of `names` or all."""
+    """Reads the metrics of one part: those of one station or of all, those of `names` or all."""
 
     station: str | None
     names: Collection[str] | None
 
     def __call__(self, part: Files) -> tuple[Counter[str], pa.Table]:
-        """Return the count of all rows of each publication, and the chosen rows. Raises
+        """Return the number of all rows of each publication, and the matching rows. Raises
         `RecordError`.
         """
         counts = Counter(

@@ -1,8 +1,8 @@
-"""Where a store is, a folder, a network share or ``s3://BUCKET/PATH``, and how its tables and files
-are opened. Arrow is loaded where a store is opened: finding runs in folders needs none.
+"""The place of a store: a folder, a network share or ``s3://BUCKET/PATH``. Opens its tables and
+files; loads Arrow only then, because finding runs in folders does not need it.
 
-Everything goes through the `deltalake` library, which takes credentials from the environment. Its
-errors can repeat what a server answers: they become one line, without any secret.
+Access to tables and to S3 goes through the `deltalake` library, which takes credentials from the
+environment. Its errors can repeat a server's answer; they are shown as one line without secrets.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import pyarrow.fs as pf
     from deltalake import DeltaTable
 
-S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` has lost one of the slashes
+S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` drops one of the two slashes
 URL: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
 OPTIONS: Final = {
     "conditional_put": "etag",
@@ -44,29 +44,29 @@ OPTIONS: Final = {
     "retry_timeout": "20s",
     "timeout": "30s",
 }
-"""Of S3: commits by conditional writes only, whatever the environment says; a server that is gone
-is an error, not a wait. `timeout` is for one request, from its connection to the end of its answer;
-the library has no limit for the bytes of an answer, nor for the pages of a list.
+"""Options of the library for S3. Commits use conditional writes only, whatever the environment
+says. A lost server is an error, not a long wait. `timeout` limits one request, from its connection
+to the end of its answer; the library limits neither the bytes of an answer nor the pages of a list.
 """
-TIMEOUT: Final = "AWS_TIMEOUT"  # for a server that is slow
+TIMEOUT: Final = "AWS_TIMEOUT"  # the user may set it for a slow server
 UNSAFE: Final = "AWS_S3_ALLOW_UNSAFE_RENAME"
 SECRETS: Final = ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID")
-NOT_INSTALLED: Final = "{}: `pip install 'jbclog[plant]'` installs what a store needs"
+NOT_INSTALLED: Final = "{}: `pip install 'jbclog[plant]'` installs the packages for stores"
 REFUSED: Final = re.compile(
     r"169\.254\.|InvalidAccessKeyId|SignatureDoesNotMatch|AccessDenied|ExpiredToken|InvalidToken"
     r"|403 "
 )
 LOG: Final = "_delta_log"
 HINT: Final = "_last_checkpoint"
-MOST_SAID: Final = 400  # characters of an error
+MOST_SAID: Final = 400  # characters of an error's text
 MARKS: Final = re.compile(r"\x1b\[[0-9;]*m|↳")
 CODE: Final = re.compile(r"<Code>([^<]*)</Code>")
 MESSAGE: Final = re.compile(r"<Message>([^<]*)</Message>")
 
 
 class StorePath(PosixPath):
-    """A place in a store, as a path. It shows the two slashes of ``s3://``, which a path would
-    lose.
+    """A place in a store, as a path. Its text has both slashes of ``s3://``, of which a path drops
+    one.
     """
 
     def __str__(self) -> str:
@@ -75,8 +75,8 @@ class StorePath(PosixPath):
 
 @dataclass(frozen=True, slots=True)
 class FileThere:
-    """A file of a store: its name below the store, its size in bytes, and when the storage says
-    that it was written.
+    """A file in a store: its name relative to the store, its size in bytes, and the time of its
+    last write by the storage's clock.
     """
 
     name: str
@@ -86,7 +86,7 @@ class FileThere:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A store's place: an absolute path, or ``s3://BUCKET/PATH``."""
+    """The place of a store: an absolute path, or ``s3://BUCKET/PATH``."""
 
     url: str
 
@@ -106,12 +106,12 @@ class Place:
         return self.url
 
     def expect_answer(self) -> None:
-        """Raise `StoreError` if its server does not answer. A folder has none."""
+        """Raise `StoreError` if the store's server does not answer. A folder has no server."""
         with explained(self.url):
             pass
 
     def of(self, name: str) -> str:
-        """Return the place of a table or a file of the store."""
+        """Return the path or URL of a table or file in the store."""
         return f"{self.url.rstrip('/')}/{name}"
 
     def table(self, name: str) -> DeltaTable:
@@ -129,16 +129,16 @@ class Place:
                 ) from None
 
     def has_table(self, name: str) -> bool:
-        """Whether there is a table of that name. Raises `StoreError`."""
+        """Return True if the store has a table of that name. Raises `StoreError`."""
         from deltalake import DeltaTable
 
         self._expect_plain_log(name)
         with explained(self.url):
             return DeltaTable.is_deltatable(self.of(name), storage_options=self.options)
 
-    # The library waits for a pipe without end, deaf to signals, reads a hint of any size, and
-    # follows links: its vacuum deletes what they lead to. So a folder is looked at first. S3 has
-    # neither pipes nor links.
+    # The library opens a pipe and waits without end, and no signal interrupts it. It reads a hint
+    # of any size, and follows links: its vacuum deletes their targets. So jbclog checks a folder
+    # first. S3 has neither pipes nor links.
 
     def _expect_plain_log(self, name: str) -> None:
         if self.is_remote:
@@ -146,21 +146,21 @@ class Place:
         with explained(self.url):
             paths = [*self._plain_files(f"{name}/{LOG}")]
             for path in paths:
-                with suppress(FileNotFoundError):  # a draft of a commit, which has its name now
+                with suppress(FileNotFoundError):  # a draft of a commit, renamed meanwhile
                     expect_regular(
                         path, Kind.CHECKPOINT_HINT if path.name == HINT else Kind.STORE_LOG
                     )
             expect_bounded(paths)
 
     def expect_plain(self, name: str) -> None:
-        """Raise `StoreError` if there is anything but files and folders below a table."""
+        """Raise `StoreError` if a table contains anything but regular files and folders."""
         if not self.is_remote:
             with explained(self.url):
                 deque(self._plain_files(name), maxlen=0)
 
     def _plain_files(self, name: str) -> Iterator[Path]:
-        """Yield the files below a folder of the store. Raises `NotReadable`, also where a link
-        leads to it.
+        """Yield the files below a folder of the store. Raises `NotReadable` for links and special
+        files, also if a folder above it is one.
         """
         for above in (Path(self.of(str(one))) for one in [*PurePosixPath(name).parents][:-1]):
             if os.path.lexists(above) and not is_plain_folder(above):
@@ -168,14 +168,16 @@ class Place:
         yield from plain_files(Path(self.of(name)))
 
     def expect_below(self, name: str, paths: Iterable[str]) -> None:
-        """Raise `StoreError` if a path that a table's log names leads out of the table."""
+        """Raise `StoreError` if a path in a table's log leads out of the table."""
         outside = next((path for path in paths if ".." in unquote(path).split("/")), None)
         if outside is not None:
             with explained(self.url):
                 raise NotReadable(f"{name}: its log names a file elsewhere, {outside}")
 
     def expect_files(self, name: str, paths: Sequence[str]) -> None:
-        """Raise `StoreError` unless these paths of a table's log are those of its own files."""
+        """Raise `StoreError` unless each of these paths in a table's log is a regular file in the
+        table.
+        """
         self.expect_below(name, paths)
         if not self.is_remote:
             with explained(self.url):
@@ -183,7 +185,7 @@ class Place:
                     expect_regular(Path(self.of(name), path), Kind.PART)
 
     def files(self) -> pf.FileSystem:
-        """Return the store as a file system, in which names are relative to it."""
+        """Return the store as a file system; names are relative to the store."""
         import pyarrow.fs as pf
 
         if self.is_remote:
@@ -193,9 +195,7 @@ class Place:
         return pf.SubTreeFileSystem(self.url, pf.LocalFileSystem())
 
     def listed(self, folder: str) -> list[FileThere]:
-        """Return all files below a folder of the store; none where it is missing. Raises
-        `StoreError`.
-        """
+        """Return all files below a folder of the store; none without it. Raises `StoreError`."""
         import pyarrow.fs as pf
 
         with explained(self.url):
@@ -209,7 +209,7 @@ class Place:
         ]
 
     def remove(self, name: str) -> None:
-        """Remove a folder of the store, or a file directly in it, if it is there. Raises
+        """Remove a folder of the store, or a file directly in it; ignores a missing one. Raises
         `StoreError`.
         """
         import pyarrow.fs as pf
@@ -227,35 +227,34 @@ class Place:
 
 
 def options_of_s3() -> dict[str, str]:
-    """Return the options of the library, with the time for a request that the environment gives."""
+    """Return the library's options for S3, with the time limit of the environment."""
     return OPTIONS | {"timeout": os.environ.get(TIMEOUT) or OPTIONS["timeout"]}
 
 
 def place_of(given: str | os.PathLike[str]) -> Place:
-    """Return the place that a user names. Raises `UsageError` for another kind of URL, or one with
-    credentials in it.
+    """Return the place that a user names. Raises `UsageError` for another kind of URL, for one with
+    credentials, and if the environment allows unsafe commits.
     """
     text = os.fspath(given)
     remote = S3.fullmatch(text)
     if remote is not None:
         if "@" in remote[1].partition("/")[0]:
-            raise UsageError(f"s3://…: a URL holds no credentials{CREDENTIALS}")
+            raise UsageError(f"s3://…: a URL must not contain credentials{CREDENTIALS}")
         if os.environ.get(UNSAFE, "").lower() in ("1", "true", "yes", "on"):
             raise UsageError(
-                f"{UNSAFE} is set: two publishers could then overwrite each other's commits;"
-                " unset it"
+                f"{UNSAFE} is set: two publishers could overwrite each other's commits; unset it"
             )
         return Place(f"s3://{remote[1].rstrip('/')}")
     if URL.match(text):
         raise UsageError(
-            f"{shortened(clean(text), MOST_SAID)}: a store is a folder or s3://BUCKET/PATH"
+            f"{shortened(clean(text), MOST_SAID)}: a store must be a folder or s3://BUCKET/PATH"
         )
     return Place(os.path.abspath(text))  # noqa: PTH100  # `resolve` would follow the user's links
 
 
 def is_store(given: str | os.PathLike[str]) -> bool:
-    """Whether a user's path is that of a store. True for each ``s3://`` URL: jbclog keeps nothing
-    else there.
+    """Return True if a user's path is a store. True for every ``s3://`` URL: jbclog keeps nothing
+    else there. Raises `RecordError` if a network mount hangs.
     """
     text = os.fspath(given)
     if S3.fullmatch(text):
@@ -268,12 +267,12 @@ def is_store(given: str | os.PathLike[str]) -> bool:
 
 
 def is_in_store(given: Path) -> bool:
-    """Whether a user's path is ``STORE/RUN``; a folder that exists is none."""
+    """Return True if a user's path is ``STORE/RUN``; False for a folder that exists."""
     return bool(RUN_NAME.fullmatch(given.name)) and not given.is_dir() and is_store(given.parent)
 
 
 def expect_library() -> None:
-    """Raise `UsageError` with the command that installs it where `deltalake` is missing."""
+    """Raise `UsageError` with the command that installs `deltalake` if it is missing."""
     try:
         import deltalake  # noqa: F401
     except ModuleNotFoundError as error:
@@ -282,8 +281,8 @@ def expect_library() -> None:
 
 @contextmanager
 def explained(url: str) -> Iterator[None]:
-    """Turn the errors of the library into a `StoreError` of one line; a server that does not answer
-    is one as well.
+    """Turn errors of the library into a `StoreError` of one line. Raises one as well if the store's
+    server does not answer.
     """
     from deltalake.exceptions import DeltaError
     from pyarrow import ArrowException
@@ -300,14 +299,14 @@ def explained(url: str) -> Iterator[None]:
 
 
 def one_line(error: BaseException) -> str:
-    """Return the text of an error on one line, without colours, without a server's whole answer,
-    and without secrets.
+    """Return the text of an error on one line, without colours and secrets; of a server's XML
+    answer only code and message.
     """
     plain = MARKS.sub("", str(error))
     before, xml, answer = plain.partition("<?xml")
     code, message = CODE.search(answer), MESSAGE.search(answer)
-    said = " ".join(found[1] for found in (code, message) if found) if xml else ""
-    text = " ".join(f"{before} {said}".split()) or type(error).__name__
+    reported = " ".join(found[1] for found in (code, message) if found) if xml else ""
+    text = " ".join(f"{before} {reported}".split()) or type(error).__name__
     for secret in filter(None, (os.environ.get(name) for name in SECRETS)):
         text = text.replace(secret, "***")
     return shortened(clean(text), MOST_SAID)

@@ -1,10 +1,10 @@
-"""Reads a store: first its runs, then only the columns, partitions and files of the rows that are
-asked for.
+"""Reads a store: first its runs, then only the columns, partitions and files with the requested
+rows.
 
-A row counts if the newest row of its run in `runs` names its publication; other rows are of an
-older version, or of a publisher that was interrupted. `runs` is read first: what it names was
-committed before it. The number of a run's rows in each table is known, so that a table of which a
-part is missing is an error, never a shorter answer.
+A row counts if the newest row of its run in `runs` names its publication; other rows belong to an
+older version, or to a publisher that was interrupted. `runs` is read first: the rows that it names
+were committed before it. It has the number of a run's rows in each table, so that a missing part is
+an error, never a shorter answer.
 """
 
 from __future__ import annotations
@@ -58,7 +58,9 @@ SHOWN: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """The newest version of a run in a store: what finding needs, and where its rows are."""
+    """A version of a run in a store: its summary for filters, its identity, and where its rows are.
+    `record` and `findings` are publications; `rows` has the number of rows in each table.
+    """
 
     found: Found
     identity: Identity
@@ -70,12 +72,12 @@ class Published:
     rows: Mapping[str, int]
 
     def publication(self, table: str) -> str:
-        """Return the publication of its rows in this table."""
+        """Return the publication of the run's rows in a table."""
         return self.record if table in RECORD else self.findings
 
 
 class Store:
-    """A store as it is when its tables are first read; a later commit changes nothing in it."""
+    """A store in the state in which its tables are first read; later commits do not change it."""
 
     def __init__(self, place: Place, runs: DeltaTable | None = None) -> None:
         expect_library()
@@ -85,18 +87,18 @@ class Store:
         self._checks: dict[str, DataFiles] = {}
 
     def table(self, name: str) -> DeltaTable:
-        """Return a table at the version that is read. Raises `RecordError` for one of a newer
-        jbclog.
+        """Return a table at the version that this object reads. Raises `StoreError`, also for a
+        table of a newer jbclog.
         """
         if name not in self._tables:
             if name != RUNS:
-                self.table(RUNS)  # read first: what it names was committed before
+                self.table(RUNS)  # first: the rows that it names were committed before it
             self._tables[name] = opened(self.place, name)
         return self._tables[name]
 
     def dataset(self, name: str) -> ds.Dataset:
-        """Return a table as a dataset; filters on line, month, run or publication leave files
-        unread. Raises `RecordError`.
+        """Return a table as a dataset; filters on line, month, run or publication skip files.
+        Raises `RecordError`.
         """
         if name not in self._datasets:
             with explained(self.place.url):
@@ -112,13 +114,15 @@ class Store:
         return self._datasets[name]
 
     def bounded(self, name: str, fragments: Iterable[ds.Fragment]) -> list[ds.Fragment]:
-        """Return these files of a table. Raises `StoreError` as `data_files` does."""
+        """Return these files of a table as a list. Raises `StoreError` if they exceed the limits in
+        `data_files`.
+        """
         found = list(fragments)
         self.data_files(name).expect_bounded(one.path for one in found)
         return found
 
     def data_files(self, name: str) -> DataFiles:
-        """Return what looks at the files of a table before they are read."""
+        """Return the object that checks the files of a table before they are read."""
         if name not in self._checks:
             files = actions_of(self.table(name)).select(["path", "num_records"]).to_pydict()
             declared = dict(zip(map(unquote, files["path"]), files["num_records"], strict=True))
@@ -126,8 +130,8 @@ class Store:
         return self._checks[name]
 
     def runs(self, wanted: Filter = ALL) -> list[Published]:
-        """Return the newest version of each run that matches, in the order of their names, which
-        begin with their starts.
+        """Return the newest version of each run that matches, ordered by name, which begins with
+        the start.
         """
         newest: dict[str, Published] = {}
         for one in self._versions(wanted):
@@ -146,35 +150,36 @@ class Store:
         )
 
     def run(self, name: str) -> Published:
-        """Return the newest version of a run. Raises `RecordError` if the store has none of that
-        name.
+        """Return the newest version of a run. Raises `RecordError` if the store does not have the
+        run.
         """
         found = self.newest(name)
         if found is None:
             raise RecordError(
-                f"{self.place}: no run {name}; `jbclog runs {self.place}` lists those that are"
-                " there"
+                f"{self.place}: no run {name}; `jbclog runs {self.place}` lists all runs"
             )
         return found
 
     def newest(self, name: str) -> Published | None:
-        """Return the newest version of a run; None if the store has none of that name."""
+        """Return the newest version of a run; None if the store does not have the run."""
         rows = self._rows(pc.field("run") == name, self._with_run(name))
         return max(map(self._published, rows), key=lambda one: one.version, default=None)
 
     def _with_run(self, name: str) -> ds.Dataset:
-        """Return `runs` without the files that, by their statistics, lack this run: a dataset of
-        all takes 1 ms for each file.
+        """Return the files of `runs` that, by their statistics, may have this run, as a dataset: a
+        dataset of all files takes 1 ms for each.
         """
         table = self.table(RUNS)
         if table.protocol().reader_features:
-            return self.dataset(RUNS)  # somebody else's: the library knows whether it can be read
+            return self.dataset(RUNS)  # foreign: the library decides whether it can read it
         schema, form = pa.schema(table.schema().to_arrow()), ds.ParquetFileFormat()
         files = pf.SubTreeFileSystem(RUNS, self.place.files())
         chosen = [one for one in actions_of(table).to_pylist() if may_have(one, "run", name)]
         self.place.expect_files(RUNS, [unquote(one["path"]) for one in chosen])
         fragments = [
-            form.make_fragment(unquote(one["path"]), files, partition_expression=_partition(one))
+            form.make_fragment(
+                unquote(one["path"]), files, partition_expression=_partition_values(one)
+            )
             for one in chosen
         ]
         return ds.FileSystemDataset(fragments, schema, form, files)
@@ -192,7 +197,7 @@ class Store:
             return list(rows.to_pylist())
 
     def files_of(self, one: Published) -> list[tuple[str, bytes]]:
-        """Return name and bytes of the small files of a run: manifest, annotations, line, recipes.
+        """Return name and bytes of each small file of a run: manifest, annotations, line, recipes.
         Raises `RecordError`.
         """
         name, version = one.identity.run, one.version
@@ -208,8 +213,8 @@ class Store:
         columns: Sequence[str],
         condition: pc.Expression | None = None,
     ) -> Iterator[pa.Table]:
-        """Yield a run's rows of a table in order, at most 32 768 at a time. Raises
-        `RecordError` where some are missing.
+        """Yield the rows of a run in a table, in order, at most 32 768 at a time. Raises
+        `RecordError`, also if some are missing.
         """
         mine = pc.field("publication") == one.publication(table)
         chosen = mine if condition is None else mine & condition
@@ -233,7 +238,7 @@ class Store:
             ) from error
 
     def _fragments(self, table: str, one: Published, mine: pc.Expression) -> list[ds.Fragment]:
-        """Return the files that may have the run's rows."""
+        """Return the files that may have rows of the run."""
         condition = _in_partitions([one.line], [one.month])
         return self.bounded(
             table,
@@ -243,10 +248,10 @@ class Store:
         )
 
     def _published(self, row: Mapping[str, Any]) -> Published:
-        if not is_name(row["run"]):  # its files are written to a folder of that name
+        if not is_name(row["run"]):  # `StoredRun` writes its files to a folder of that name
             raise StoreError(
                 f"{self.place}: {RUNS} has a run {row['run']!r:.100}, which no run is named; no"
-                " publisher wrote it so. Publish the runs into a new store"
+                " publisher writes such a row. Publish the runs into a new store"
             )
         facts: dict[str, Any] = {name: row[name] for name in SHOWN}
         facts |= {
@@ -281,7 +286,7 @@ class Store:
 
 
 def expect_columns(rows: pa.Table) -> None:
-    """Raise `NotReadable` where rows of `runs` lack a column, or a value that each has."""
+    """Raise `NotReadable` if rows of `runs` lack a column, or a value that must not be null."""
     for field in schema_of(RUNS):
         if field.name == FILES:
             continue
@@ -292,33 +297,33 @@ def expect_columns(rows: pa.Table) -> None:
 
 
 def opened(place: Place, name: str) -> DeltaTable:
-    """Open the newest version of a table. Raises `RecordError` for one that a newer jbclog wrote so
-    that this one misreads it.
+    """Open the newest version of a table. Raises `StoreError`, also for a table whose schema this
+    jbclog does not know.
     """
     table = place.table(name)
     written = table.metadata().configuration.get(PROPERTY, "")
     if not written.isdecimal() or int(written) > SCHEMA:
         raise StoreError(
             f"{place}: {name} is written with schema {written or '(none)'}; this jbclog knows"
-            f" {SCHEMA}. Upgrade it"
+            f" {SCHEMA}. Upgrade jbclog"
         )
     return table
 
 
 def actions_of(table: DeltaTable) -> pa.Table:
-    """Return a row for each file of a table, with its statistics."""
+    """Return a row for each file of a table: path, size, number of rows, statistics."""
     return pa.table(table.get_add_actions(flatten=True))
 
 
 def may_have(file: Mapping[str, Any], column: str, value: str) -> bool:
-    """Whether a file can have a row with this value; where it has no statistics, it can."""
+    """Return True if a file can have a row with this value; without statistics, it can."""
     least, most = file.get(f"min.{column}"), file.get(f"max.{column}")
     return least is None or most is None or least <= value <= most
 
 
-def _partition(file: Mapping[str, Any]) -> pc.Expression:
-    """Return what the columns by which a table is partitioned are in a file: it has them in its
-    path only.
+def _partition_values(file: Mapping[str, Any]) -> pc.Expression:
+    """Return the values of a file's partition columns as a condition, because only its path has
+    them.
     """
     values = {name: file[f"partition.{name}"] for name in PARTITIONS}
     line, month = (
@@ -329,7 +334,7 @@ def _partition(file: Mapping[str, Any]) -> pc.Expression:
 
 
 def as_own(piece: pa.Table, table: str) -> pa.Table:
-    """Return the rows with the types and metadata that they have in a run's folder."""
+    """Return the rows with the types and metadata of a run's folder."""
     own = OWN[table]
     fields = [
         own.field(name) if name in own.names else piece.schema.field(name)
@@ -347,18 +352,18 @@ def expect_rows(place: Place, one: Published, table: str, there: int) -> None:
 
 
 def missing(place: Place, run: str, table: str, why: str) -> str:
-    """Return the sentence for a table of which a part is missing."""
+    """Return the message for a table that lacks rows of a run."""
     return (
         f"{place}: {run}: its {table} are incomplete: {why}; `jbclog store check {place}` lists all"
-        " such damage"
+        " damage"
     )
 
 
 def _in_partitions(
     lines: Iterable[str | None], months: Iterable[str | None]
 ) -> pc.Expression | None:
-    """Return the condition that rows are of these lines and months; None for no condition. An
-    unknown one is no condition.
+    """Return the condition for rows of these lines and months; None without a condition. An unknown
+    line or month (None) is no condition.
     """
     condition = None
     for name, values in (("line", set(lines)), ("month", set(months))):
@@ -369,8 +374,8 @@ def _in_partitions(
 
 
 def _months(wanted: Filter) -> list[str]:
-    """Return the months of a filter with both limits, at most ten years; none if it has no such
-    limits.
+    """Return the months from `since` to `until` of a filter; empty without both limits, or for more
+    than ten years.
     """
     if wanted.since is None or wanted.until is None:
         return []

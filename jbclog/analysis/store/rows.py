@@ -1,4 +1,4 @@
-"""The rows of one file or of several of a store's table: those that match, in batches, in order."""
+"""Matching rows of one or several files of a store's table, in batches and in order."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from jbclog.core.foreign.files import MIB, NotReadable
 from jbclog.core.foreign.tables import batches_in, written_out
 from jbclog.core.foreign.values import expect_values
 
-BATCH_ROWS: Final = 32_768  # as in a run's own row groups
-NO_ROW: Final = 2**63 - 1
+BATCH_ROWS: Final = 32_768  # as in the row groups of a run
+NO_ROW: Final = 2**63 - 1  # behind the number of every row
 UNPACKED_ROWS: Final = 65_536
-"""A row group of more rows is read by batches: the library unpacks a whole one."""
-FILES_ROWS: Final = 64  # of the table of runs, with their files
-FILES_BYTES: Final = 128 * MIB  # kept of a run: a manifest, annotations, its line and recipes
+"""A row group of more rows is read in batches, because the library unpacks a row group whole."""
+FILES_ROWS: Final = 64  # rows of `runs` in a batch, with the small files of the runs
+FILES_BYTES: Final = 128 * MIB  # small files of a run: manifest, annotations, line, recipes
 
-# Where delta-rs removes some rows of a file, it writes the file anew with Arrow's views of texts as
-# types, which Arrow cannot compare with texts. Such a file is read first and filtered then.
+# To remove some rows of a file, delta-rs rewrites the file and stores texts as Arrow string views,
+# which Arrow cannot compare with strings. Such a file is read first and filtered afterwards.
 COMPARED: Final = ("publication", "row", "metric", "station", "port", "time")
 
 
 def has_views(fragment: ds.Fragment) -> bool:
-    """Whether a file's texts are views."""
+    """Return True if a file stores texts as string views."""
     return any(pa.types.is_string_view(kind) for kind in fragment.physical_schema.types)
 
 
-# A long run is committed in parts. Whoever joins files (`jbclog store compact`, delta-rs, Spark)
-# puts the parts, and those of other runs, in any order.
+# A long run is committed in parts. Programs that join files (`jbclog store compact`, delta-rs,
+# Spark) write these parts, and those of other runs, in any order.
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The rows of a run in one file: number of the first and of the last, how many they are, and
-    whether they are in order.
+    """The rows of a run in one file: the number of the first and of the last, how many there are,
+    and whether they are in order.
     """
 
     fragment: ds.Fragment
@@ -52,7 +52,7 @@ class Span:
 
 
 def span_of(fragment: ds.Fragment, mine: pc.Expression, schema: pa.Schema) -> Span:
-    """Return the span of the rows that match; without any, the first is behind all others."""
+    """Return the span of the matching rows; without any, `first` is `NO_ROW`."""
     first, last, count, is_ordered, before = NO_ROW, -1, 0, True, -1
     for piece in chosen_rows(fragment, ["row"], mine, schema):
         numbers = piece["row"].to_numpy()
@@ -65,7 +65,7 @@ def span_of(fragment: ds.Fragment, mine: pc.Expression, schema: pa.Schema) -> Sp
 def rows_in_order(
     spans: Iterable[Span], columns: Sequence[str], chosen: pc.Expression, schema: pa.Schema
 ) -> Iterator[pa.Table]:
-    """Yield the rows that match, by their numbers, `BATCH_ROWS` or fewer at a time."""
+    """Yield the matching rows in the order of their numbers, at most `BATCH_ROWS` at a time."""
     found = sorted((span for span in spans if span.count), key=lambda span: span.first)
     if all(span.is_ordered for span in found) and all(
         before.last < after.first for before, after in pairwise(found)
@@ -103,8 +103,8 @@ def chosen_rows(
     *,
     use_threads: bool = True,
 ) -> Iterator[pa.Table]:
-    """Yield the rows of a file that match, `BATCH_ROWS` or fewer at a time; none is empty. A column
-    that it lacks is null. Raises `NotReadable` for values that no table may hold.
+    """Yield the matching rows of a file, at most `BATCH_ROWS` at a time; no piece is empty. A
+    column that the file lacks is null. Raises `NotReadable` for values that no table may hold.
     """
     how = {"batch_size": BATCH_ROWS, "batch_readahead": 1, "use_threads": use_threads}
     needed = [
@@ -114,7 +114,7 @@ def chosen_rows(
     if any(group.num_rows > UNPACKED_ROWS for group in fragment.row_groups):
         pieces = _by_batches(fragment, needed, schema)
     elif has_views(fragment):
-        viewed = pa.schema([_like(field, fragment.physical_schema) for field in schema])
+        viewed = pa.schema([_as_in_file(field, fragment.physical_schema) for field in schema])
         batches = fragment.to_batches(viewed, needed, **how)
         pieces = (as_texts(pa.Table.from_batches([batch])) for batch in batches)
     else:
@@ -142,8 +142,8 @@ def _by_batches(
 
 
 def kept_files(fragment: ds.Fragment, run: str, version: int) -> Iterator[tuple[str, bytes]]:
-    """Yield name and bytes of the files that a file of the table of runs keeps of a run. What they
-    take is known before they are written out. Raises `NotReadable`.
+    """Yield name and bytes of the small files of a run that a file of `runs` has. Limits their size
+    before they are written out. Raises `NotReadable`.
     """
     names = (one.path for one in fragment.metadata.schema)
     coded = [name for name in names if name.startswith(f"{FILES}.") and name.endswith(".data")]
@@ -165,13 +165,13 @@ def kept_files(fragment: ds.Fragment, run: str, version: int) -> Iterator[tuple[
                 )
 
 
-def _like(field: pa.Field, there: pa.Schema) -> pa.Field:
-    """Return a field with the type that it has in a file."""
+def _as_in_file(field: pa.Field, there: pa.Schema) -> pa.Field:
+    """Return a field with its type in a file."""
     return field.with_type(there.field(field.name).type) if field.name in there.names else field
 
 
 def as_texts(piece: pa.Table) -> pa.Table:
-    """Return the rows with texts instead of views of texts."""
+    """Return the rows with strings instead of string views."""
     fields = [
         field.with_type(pa.utf8()) if pa.types.is_string_view(field.type) else field
         for field in piece.schema

@@ -1,7 +1,7 @@
-"""A run of a store as `Run`: everything that reads a run's folder reads it, too.
+"""A run in a store as `Run`: code that reads the folder of a run also reads this one.
 
 Its small files (manifest, annotations, line, recipes) are written to a temporary folder, which is
-removed with the object; rows come from the store, only those columns that are asked for.
+removed with the object. Rows come from the store, only the requested columns.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from jbclog.record.manifest import NAME as MANIFEST
 
 
 class StoredRun(Run):
-    """A run of a store, at the newest version when it was opened."""
+    """A run in a store, at the version that was the newest when it was opened."""
 
     def __init__(self, store: Store, entry: Published) -> None:
         self.store, self.entry = store, entry
@@ -38,11 +38,11 @@ class StoredRun(Run):
 
     @property
     def place(self) -> str:
-        """Where the run is, as messages and tables show it."""
+        """The run's place in messages and tables."""
         return str(self.entry.found.folder)
 
     def published(self, table: str) -> pa.Table | None:
-        """Return its joints or metrics as they were published; None if another version of the rules
+        """Return the run's published joints or metrics; None if another version of the rules
         computed them.
         """
         if self.entry.identity.rules != RULES:
@@ -82,7 +82,9 @@ class StoredRun(Run):
 
 
 def _condition(selection: Selection) -> pc.Expression | None:
-    """Return what a file's statistics can exclude; `Selection.cut` selects exactly."""
+    """Return the condition by which the statistics of files exclude rows; `Selection.cut` selects
+    exactly.
+    """
     found = [
         pc.field(name) == value
         for name in ("station", "port")

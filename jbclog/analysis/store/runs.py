@@ -1,4 +1,4 @@
-"""The runs of a store as `Runs`, and what is computed of many of them at once."""
+"""The runs of a store as `Runs`, with metrics and statistics from one pass over all of them."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from jbclog.record.find_runs import Filter, Found, Unreadable
 
 @dataclass(frozen=True, slots=True)
 class StoredTogether:
-    """Some runs of a store, opened where this object is sent to."""
+    """A group of runs in a store, sent to the process that opens them."""
 
     place: Place
     entries: tuple[Published, ...]
 
     def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield what opens each run."""
+        """Yield a function for each run that opens it."""
         store = Store(self.place)
         return (partial(StoredRun, store, one) for one in self.entries)
 
 
 class StoredRuns(Runs):
-    """The runs of a store that match a filter, all as they were when the first was read."""
+    """The runs of a store that match a filter, in the store's state at the first read."""
 
     def __init__(self, place: Place, wanted: Filter, scheduler: str | None = None) -> None:
         super().__init__(place.path, wanted)
@@ -55,27 +55,29 @@ class StoredRuns(Runs):
         return [one.found for one in self._published.values()], []
 
     def refreshed(self) -> StoredRuns:
-        """Return the runs that match now."""
+        """Search again and return the runs that match now."""
         return StoredRuns(self._place, self.wanted, self._scheduler)
 
     def open(self, one: Found) -> Run:
-        """Return the run that was found."""
+        """Open a run of `found`. Raises `RecordError`."""
         return StoredRun(self._store, self._published[one.folder.name])
 
     def through(self, source: Source) -> StoredRuns:
-        """Return the same: a store is its own source."""
+        """Return these runs: a store is its own source."""
         return self
 
     def on(self, scheduler: str | None) -> StoredRuns:
-        """Return the runs that match now; workers of a Dask scheduler read their metrics and
-        compute their statistics.
+        """Search again, and let the workers of a Dask scheduler read metrics and compute
+        statistics.
         """
         return StoredRuns(self._place, self.wanted, scheduler)
 
     def metric_rows(
         self, station: str | None = None, names: Collection[str] | None = None
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
-        """Yield each run with its rows of `metrics`, from one pass over the table."""
+        """Yield each run with its rows of `metrics`, from one pass over the table; runs published
+        with other rules come last, computed again.
+        """
         current = [one for one in self._published.values() if one.identity.rules == RULES]
         others = [one.found for one in self._published.values() if one.identity.rules != RULES]
         rows: dict[str, list[MetricRow]] = {one.findings: [] for one in current}
@@ -102,13 +104,13 @@ class StoredRuns(Runs):
         by: Sequence[str] = ("station", "port"),
     ) -> pd.DataFrame:
         """Return statistics of a column of `samples` or `joints`, a row for each group: count,
-        mean, standard deviation, extremes, and the 5th, 50th and 95th percentile.
+        mean, standard deviation, minimum, maximum, and the 5th, 50th and 95th percentile.
 
-        `by` has some of `run`, `line`, `station`, `port` and `tip` (the tips that somebody named).
-        Figures have the column's unit; `unknown` counts values that are null or not finite. All are
+        `by` lists one or more of `run`, `line`, `station`, `port` and `tip` (as the user named it).
+        Statistics have the unit of the column; `unknown` counts null and non-finite values. All are
         exact but the percentiles, which differ by at most 0.05 % from the value of their rank
         (`.attrs["quantile_error"]`). Reads 32 768 rows at a time. Raises `RecordError`,
-        `UsageError` for a column that is none.
+        `UsageError` for an unknown table, column or group.
         """
         return statistics(
             self._store, [*self._published.values()], table, column, by, self._scheduler
@@ -122,23 +124,23 @@ class StoredRuns(Runs):
 
 
 class StoredFolders:
-    """The runs of a store for what reads their manifests from folders: finds them, and returns a
+    """The runs of a store for code that reads manifests from folders: finds runs, and returns a
     folder for each.
     """
 
     def __init__(self, place: Place) -> None:
         self._store = Store(place)
-        self._kept: dict[str, StoredRun] = {}  # with their folders
+        self._opened: dict[str, StoredRun] = {}  # keep their temporary folders
 
     def find(self, _: Path) -> Iterator[Found]:
         """Yield all runs of the store."""
         return (one.found for one in self._store.runs())
 
     def folder_of(self, run: Found) -> Path:
-        """Return a folder with the run's small files; its manifest has been hashed again. Raises
-        `RecordError`.
+        """Return a folder with the run's small files, after comparing the manifest's SHA-256.
+        Raises `RecordError`.
         """
         name = run.folder.name
-        if name not in self._kept:
-            self._kept[name] = StoredRun(self._store, self._store.run(name))
-        return self._kept[name].folder
+        if name not in self._opened:
+            self._opened[name] = StoredRun(self._store, self._store.run(name))
+        return self._opened[name].folder

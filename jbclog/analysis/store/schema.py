@@ -1,12 +1,12 @@
 """The tables of a store: columns, types, units.
 
 Each table but `runs` begins with the run, the publication that wrote the row, and the number of the
-row in the run's table, and ends with line and month, by which all are partitioned. A row counts
+row in the run's table. All end with line and month, by which they are partitioned. A row counts
 only if `runs` names its publication: as `record` for the tables of `RECORD`, as `findings` for
 those of `FINDINGS`.
 
-Changes are additive: a new column is nullable, rows of older releases have null in it. `SCHEMA`
-rises only if an older jbclog would misread the store.
+Changes only add columns: a new one is nullable, and null in rows of older releases. `SCHEMA`
+increases only if an older jbclog would misread the store.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SCHEMA: Final = 1
 PROPERTY: Final = "jbclog.schema"
 RUNS: Final = "runs"
 RECORD: Final = OF_A_RUN
-"""Tables that a sealed run has, and that never change."""
+"""Tables of a sealed run, which never change."""
 FINDINGS: Final = ("joints", "metrics", "units", "alarms")
 """Tables that are computed, or that annotations change."""
 DATA: Final = RECORD + FINDINGS
@@ -99,18 +99,18 @@ OWN: Final[Mapping[str, pa.Schema]] = MappingProxyType(
         "alarms": pa.schema(_computed(ALARMS)),
     }
 )
-"""The columns of each table but `runs`, as a run's folder has them."""
+"""Columns of each table but `runs`, as in a run's folder."""
 
 _BEFORE: Final = [_field("run!", TEXT), _field("publication!", TEXT), _field("row!", INT, "count")]
 _AFTER: Final = [_field(name, TEXT) for name in PARTITIONS]
 
 
 def schema_of(table: str) -> pa.Schema:
-    """Return all columns of a store's table."""
+    """Return all columns of a table of a store."""
     if table == RUNS:
         return pa.schema([*(_field(*column) for column in RUN_COLUMNS), *_AFTER])
     return pa.schema([*_BEFORE, *OWN[table], *_AFTER])
 
 
 TABLES: Final = (*DATA, RUNS)
-"""In the order in which they are written: `runs` is last."""
+"""All tables, in the order in which they are written: `runs` is last."""

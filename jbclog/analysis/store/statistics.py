@@ -1,8 +1,8 @@
 """Statistics of a column over the runs of a store, for each run, line, station, port or tip.
 
-A partial result for some files, or a part of a large one. `partial`, `Part.add` and `finish` know
-nothing of each other's place: parts are computed anywhere, merged in any order, and the answer is
-the same to the last digit (`jbclog.analysis.fleet.moments`).
+`partial` computes a partial result (`Part`) from some files, or a part of a large one; `Part.add`
+merges two; `finish` makes the table. Partial results may be computed on any computer and merged in
+any order: the answer is the same to the last digit (`jbclog.analysis.fleet.moments`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,9 @@ Key = tuple[str | int | None, ...]
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """What is sent with rows of the run that they belong to; its serials can be thousands."""
+    """Facts about a run that are sent with its rows. `Found` is not sent: its serials can be
+    thousands.
+    """
 
     run: str
     line: str | None
@@ -51,7 +53,7 @@ class Owner:
 
 
 def key_of(owner: Owner, by: Sequence[str], station: str, port: int) -> Key:
-    """Return the group of a row of a run. A tip that nobody named is None."""
+    """Return the group of a row. A tip that the user did not name is None."""
     facts: dict[str, str | int | None] = {
         "run": owner.run,
         "line": owner.line,
@@ -64,22 +66,22 @@ def key_of(owner: Owner, by: Sequence[str], station: str, port: int) -> Key:
 
 
 class Rows(Protocol):
-    """Rows that are read where this object is sent to."""
+    """Rows that are read by the process to which this object is sent."""
 
     def pieces(self, columns: Sequence[str]) -> Iterator[pa.Table]:
-        """Yield the rows, with their publication."""
+        """Yield these columns of the rows. Raises `RecordError`."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class JointsAnew:
-    """The joints of a run that other rules published, found in its samples."""
+    """Joints of a run that was published with other rules, computed again from its samples."""
 
     place: Place
     entry: Published
 
     def pieces(self, columns: Sequence[str]) -> Iterator[pa.Table]:
-        """Yield the rows, with their publication. Raises `RecordError`."""
+        """Yield these columns of the joints. Raises `RecordError`."""
         joints = joints_of(StoredRun(Store(self.place), self.entry))
         named = joints.append_column(
             "publication", pa.repeat(pa.scalar(self.entry.findings, pa.utf8()), joints.num_rows)
@@ -89,7 +91,7 @@ class JointsAnew:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Rows, a column of them, the groups into which their values go, and the run of each
+    """A column of some rows, the facts that group its values (`by`), and the run of each
     publication.
     """
 
@@ -101,24 +103,20 @@ class Task:
 
 @dataclass(slots=True)
 class Part:
-    """A partial result: how many rows there are of each publication, and the statistics of each
-    group.
-    """
+    """A partial result: number of rows of each publication, and statistics of each group."""
 
     counts: Counter[str] = field(default_factory=Counter)
     groups: dict[Key, Moments] = field(default_factory=dict)
 
     def add(self, other: Part) -> None:
-        """Merge another one into this one."""
+        """Merge another partial result into this one."""
         self.counts.update(other.counts)
         for key, moments in other.groups.items():
             self.groups.setdefault(key, Moments()).add(moments)
 
 
 def partial(task: Task) -> Part:
-    """Return the statistics of some rows; keeps no more than 32 768 of them. Raises
-    `RecordError`.
-    """
+    """Return the statistics of some rows; holds at most 32 768 of them. Raises `RecordError`."""
     part = Part()
     for piece in task.rows.pieces(["publication", "station", "port", task.column]):
         for start in range(0, piece.num_rows, 32_768):
@@ -127,7 +125,7 @@ def partial(task: Task) -> Part:
 
 
 def _add(part: Part, task: Task, piece: pa.Table) -> None:
-    """Add rows, equal ones at once: readings are whole numbers, so that few differ."""
+    """Add rows, equal ones together: readings are whole numbers, so few differ."""
     names = ["publication", "station", "port", task.column]
     equal = piece.group_by(names, use_threads=False).aggregate([([], "count_all")])
     publications, stations, ports = (equal[name].to_pylist() for name in names[:3])
@@ -152,8 +150,8 @@ def statistics(
     by: Sequence[str],
     scheduler: str | None = None,
 ) -> pd.DataFrame:
-    """Return a row for each group: see `StoredRuns.statistics`."""
-    _expect(table, column, by)
+    """Return a row for each group, as `StoredRuns.statistics` does."""
+    _expect_known(table, column, by)
     read = [one for one in runs if table != "joints" or one.identity.rules == RULES]
     others = [one for one in runs if table == "joints" and one.identity.rules != RULES]
     is_much = sum(one.rows[table] for one in read) >= MUCH_ROWS
@@ -178,7 +176,7 @@ def _tasks(
 
 
 def finish(whole: Part, by: Sequence[str]) -> pd.DataFrame:
-    """Return the merged result as a table, in the order of its groups."""
+    """Return the merged result as a table, ordered by group."""
     rows = [
         [
             *key,
@@ -204,7 +202,7 @@ def finish(whole: Part, by: Sequence[str]) -> pd.DataFrame:
     return frame
 
 
-def _expect(table: str, column: str, by: Sequence[str]) -> None:
+def _expect_known(table: str, column: str, by: Sequence[str]) -> None:
     if table not in TABLES:
         raise UsageError(
             f"there are statistics of {' and '.join(TABLES)}, not of {shortened(table, 64)!r}"
