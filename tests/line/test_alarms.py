@@ -1,8 +1,8 @@
-"""Alarm flags: latched in the station, cleared by reading, so asked once; believed as far as
-temperatures bear them out.
+"""Alarm flags. The station latches a flag and clears it when it is read, so the session asks once,
+and believes a flag only if temperatures confirm it.
 
-The virtual station's comparator latches by itself where its tip is beyond the limit; where a flag
-is to come out of nothing, these tests latch it by hand.
+The comparator of the virtual station latches a flag by itself if its tip is beyond the limit; for a
+flag without a cause, these tests latch it.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ def one_port(sim: str = "", recipe: str = RECIPE, duration_s: float = 30) -> Vir
 
 
 def latch(run: VirtualRun, side: str, at_s: float) -> None:
-    """Set a flag of the station at that second, for no reason."""
+    """Set a flag of the station at that second, without a cause."""
     run.at(at_s, lambda: setattr(getattr(run.station.plant.ports[1], side), "latched", True))
 
 
 def told(run: VirtualRun) -> list[str]:
-    """What was said of alarms once the tip was hot, in order."""
+    """Return the kinds of alarm events after the tip was hot, oldest first."""
     begin = run.memory.samples[0][COLUMN["time"]] + int(AT_TEMPERATURE_S * 1e6)  # type: ignore[operator]
     return [
         event.kind
@@ -46,7 +46,7 @@ def only(run: VirtualRun, kind: str) -> EventRow:
 
 
 def times_asked(run: VirtualRun) -> int:
-    """How often the flags were asked: whenever due, and once more when sampling had ended."""
+    """Return how often the flags were read: whenever due, and once after the end of sampling."""
     return [one.text for one in run.heard].count("RTA1")
 
 
@@ -65,7 +65,7 @@ def test_an_alarm_that_temperatures_bear_out() -> None:
 
 
 def test_its_time_is_the_interval_between_two_readings() -> None:
-    """The flag says that it was, not when (docs/reference/faults.md, F-40)."""
+    """A flag shows that there was an alarm, not when (docs/reference/faults.md, F-40)."""
     run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
     event = only(run, "alarm.high")
     flags = [
@@ -79,7 +79,7 @@ def test_its_time_is_the_interval_between_two_readings() -> None:
 
 
 def test_it_is_kept_at_once() -> None:
-    """The station has forgotten it by then."""
+    """The station has cleared the flag by then."""
     run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
     assert only(run, "alarm.high") in run.memory.urgent
 
@@ -136,7 +136,9 @@ def test_only_a_temperature_beyond_the_limit_bears_a_flag_out(
 
 
 def test_an_alarm_of_the_last_seconds_is_not_lost() -> None:
-    """Raised after the last reading of the flags; they are read once more when the tool is safe."""
+    """It is raised after the last reading of the flags; they are read once more when the tool is
+    safe.
+    """
     run = one_port(fault("overheat", at_s=12.4, by_c=20), duration_s=13).go()
     assert True not in run.memory.column("alarm_high")
     assert run.facts.alarms == 1
@@ -158,7 +160,7 @@ def test_a_flag_of_the_first_reading_was_there_before(side: str) -> None:
 
 
 def test_what_was_there_before_and_goes_on_counts_from_its_second_reading_on() -> None:
-    """It has been raised anew, in the run: the first reading had cleared it."""
+    """The first reading cleared the flag, so it was raised again during the run."""
     sim = "settings = {status = 'working', alarm_high_limit = 380, alarm_high_delay = 0.5}" + fault(
         "overheat", by_c=4
     )
@@ -174,7 +176,9 @@ def test_what_was_there_before_and_goes_on_counts_from_its_second_reading_on() -
 
 
 def test_heating_up_is_no_alarm() -> None:
-    """The lower limit is passed from below; the flag may be read when the tip has arrived."""
+    """The tip passes the lower limit from below; the flag may be read after the tip has reached its
+    setpoint.
+    """
     for step in range(20):
         recipe = RECIPE.replace("delay_s = 2.0", f"delay_s = {0.1 * step:.1f}")
         run = one_port("", recipe, duration_s=15).go()
@@ -208,8 +212,8 @@ def test_a_flag_without_a_temperature_beyond_the_limit_is_unconfirmed() -> None:
 
 
 def test_an_old_temperature_bears_nothing_out() -> None:
-    """Beyond the limit in an earlier period, too short for the station's delay; the flag comes
-    later.
+    """The tip was beyond the limit in an earlier period, too short for the station's delay; the
+    flag comes later.
     """
     run = one_port(
         fault("overheat", at_s=12, for_s=0.7, by_c=20),
@@ -266,7 +270,7 @@ def test_an_alarm_whose_answer_was_lost_is_never_reported_as_none() -> None:
 
 
 def test_what_was_hot_before_an_answer_was_lost_bears_out_no_flag_behind_it() -> None:
-    """The flag that it raised went with the answer; the next one was raised after it."""
+    """The flag that it raised was lost with the answer; the next one was raised later."""
     run = one_port(
         fault("overheat", at_s=11, for_s=1.5, by_c=20)
         + fault("silence", command="alarm_flags", at_s=12.9, for_s=2.5)
@@ -297,7 +301,7 @@ def test_digits_that_no_manual_describes_are_a_format_error(word: str) -> None:
 
 
 def test_a_refusal_clears_nothing() -> None:
-    """N 4: the station has not told its flags, so it has not forgotten them."""
+    """After N 4 the station has not sent its flags, so it has not cleared them."""
     run = one_port(fault("nak", code=3, command="alarm_flags", at_s=11.9, for_s=2)).go()
     assert run.memory.of_kind("alarm.unknown") == []
 
@@ -308,8 +312,8 @@ def test_flags_that_nobody_asked_for_are_not_lost() -> None:
 
 
 def test_nobody_else_reads_the_flags() -> None:
-    """One reader: not when settings are read, not after an outage before it is due; once more when
-    the tool is safe.
+    """Sampling reads them when they are due; reading settings does not, nor does the end of an
+    outage. They are read once more when the tool is safe.
     """
     run = one_port(fault("dropout", at_s=12, for_s=2), RECIPE + 'on_difference = "continue"\n').go()
     disconnected = sum(
@@ -320,8 +324,8 @@ def test_nobody_else_reads_the_flags() -> None:
 
 
 def test_a_tip_that_is_found_hotter_than_its_setting_and_does_not_cool_has_arrived() -> None:
-    """Read once in four seconds, a runaway is never seen near its setting; it is an alarm all the
-    same.
+    """At one reading in four seconds, a runaway tip is never read near its setpoint; it is still an
+    alarm.
     """
     slow = RECIPE + "\n[sampling]\nrate_hz = 0.25\n"
     run = one_port(fault("overheat", by_c=60.0), slow, duration_s=60).go()
@@ -341,7 +345,7 @@ def test_a_runaway_behind_an_exchange_of_the_tool_is_an_alarm() -> None:
 
 
 def test_a_tip_that_cools_down_to_its_setting_is_no_alarm() -> None:
-    """It was at 450 °C before; its flag is set until it has passed the limit."""
+    """It was at 450 °C before; its flag stays set until it has cooled below the limit."""
     run = one_port("settings = {status = 'working'}", duration_s=40)
     run.station.plant.ports[1].tip.temperature_c = 450
     run.go()

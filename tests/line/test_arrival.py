@@ -1,4 +1,6 @@
-"""When alarms begin to count: once the tool is at its setting, and never by one answer."""
+"""When alarms start to count: once the tool has reached its setpoint, and never after a single
+answer.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ NEAR_LIMIT = RECIPE.replace("limit_c = 250", "limit_c = 320")
 
 
 def cold(recipe: str = NEAR_LIMIT, stuck_c: int = 310, duration_s: float = 14) -> VirtualRun:
-    """A tool at work whose tip stays where it is, before it has come to its 350 °C."""
+    """A working tool whose tip stays where it is, below its setpoint of 350 °C."""
     run = prepare(
         line_text("joints_per_minute = 0\n", "ports = [1]"), recipe, duration_s=duration_s
     )
@@ -28,8 +30,8 @@ def latch_low(run: VirtualRun, at_s: float) -> None:
 
 
 def test_one_answer_near_the_setting_does_not_bring_the_tool_there() -> None:
-    """00310 and 00345 are no jump. If that one answer counted, the flag of the heating up would be
-    an alarm.
+    """From 00310 to 00345 is no jump. If that one answer counted, the flag raised while heating up
+    would be an alarm.
     """
     run = cold()
     say(run, "TT1", "00345", 6)
@@ -52,7 +54,9 @@ def test_two_answers_near_the_setting_do() -> None:
 
 
 def test_one_answer_beyond_the_setting_does_not_either() -> None:
-    """A tip that heats up quickly passes its setting between two readings, reported twice, too."""
+    """A tip that heats up quickly can pass its setpoint between two readings, but then two answers
+    show it.
+    """
     run = cold(stuck_c=335)
     say(run, "TT1", "00365", 6)
     run.go()
@@ -84,7 +88,7 @@ def test_one_that_does_run_away_is() -> None:
 def test_one_answer_beyond_a_limit_bears_no_alarm_out(
     side: str, answer: str, limits: tuple[int, int]
 ) -> None:
-    """00350 and 00370 differ in a bit, and their check bytes in another."""
+    """00350 and 00370 differ in one bit, and their check bytes in another."""
     high, low = limits
     recipe = RECIPE.replace("limit_c = 380", f"limit_c = {high}").replace(
         "limit_c = 250", f"limit_c = {low}"

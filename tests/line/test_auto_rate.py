@@ -1,6 +1,4 @@
-"""`rate_hz = "auto"`: which rate is taken at which response time, where it is told, and what is
-refused.
-"""
+"""`rate_hz = "auto"`: the rate for each response time, where it is reported, what is refused."""
 
 from __future__ import annotations
 
@@ -42,7 +40,7 @@ def slow(turnaround_ms: float, ports: str = "ports = [1, 2]") -> str:
 def desk_of(
     family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float, recipe: str = ""
 ) -> SessionContext:
-    """A desk that has measured how long its station takes to answer."""
+    """Return the context of a station whose response time has been measured."""
     head = (
         f'[recipe]\nname = "test"\nrevision = 1\nfamilies = ["{family}"]\n[sampling]\nrate_hz ='
         f' "auto"\n{recipe}'
@@ -77,8 +75,8 @@ def ready(run: VirtualRun) -> str:
 
 @pytest.mark.parametrize("turnaround_ms", [0.0, 0.9, 1.41, 1.44, 1.48, 2.0, 5.0])
 def test_two_ports_take_5_hz_wherever_10_was_a_coin_toss(turnaround_ms: float) -> None:
-    """10 Hz was taken at 1.41 ms and refused at 1.48; with a fifth in reserve it is out of reach of
-    two ports altogether.
+    """10 Hz was accepted at 1.41 ms and refused at 1.48; with a reserve of one fifth, two ports
+    never reach it.
     """
     run = prepare(slow(turnaround_ms), AUTO, duration_s=20).go()
     assert (run.facts.outcome, run.facts.rate_hz, run.facts.period_s) == ("completed", 5, 0.2)
@@ -88,7 +86,7 @@ def test_two_ports_take_5_hz_wherever_10_was_a_coin_toss(turnaround_ms: float) -
 
 
 def test_noise_around_a_response_time_changes_nothing() -> None:
-    """Turnarounds as measured of one station at different starts, up to twice as long as usual."""
+    """Response times as measured for one station at different starts, up to twice the usual."""
     for number in range(200):
         usual_ms = 1.4 * math.exp(0.35 * math.sin(number))
         assert taken("dde", (1, 2), usual_ms, 3 * usual_ms) == 5
@@ -127,8 +125,8 @@ def test_it_is_the_highest_that_leaves_a_fifth_free_and_none_lower_than_the_slow
 
 
 def test_the_borders_of_the_usual_stations() -> None:
-    """In milliseconds of response time; what real ones take (1 to 2 ms, 16 behind a USB adapter's
-    timer) is not near one.
+    """In ms of response time. Real response times (1 to 2 ms, 16 ms with the timer of a USB
+    adapter) are not near a border.
     """
     recipe = parse_recipe('[recipe]\nname = "test"\nrevision = 1\nfamilies = ["dde"]\n')
 
@@ -150,7 +148,7 @@ def test_the_borders_of_the_usual_stations() -> None:
 def test_an_omega_is_held_against_the_longest_answer_that_its_manual_prints(
     usual_ms: float, longest_ms: float, rate_hz: float
 ) -> None:
-    """003, 11.1: 0 to 250 ms. However quick first answers were, later ones may take that long."""
+    """Manual 003, 11.1: 0 to 250 ms. Quick first answers do not exclude slow later ones."""
     assert taken("omega", (1,), usual_ms, longest_ms) == rate_hz
 
 
@@ -164,8 +162,8 @@ def test_each_station_has_a_link_and_so_a_rate_of_its_own() -> None:
 
 
 def test_half_of_what_is_measured_is_the_temperature_and_the_rest_was_read_anyway() -> None:
-    """A station takes 6 ms longer for a temperature than for what it holds; at the rate that is
-    chosen no tick is skipped.
+    """A station takes 6 ms longer to measure a temperature than to send a stored value; at the
+    chosen rate no tick is skipped.
     """
     slow_to_measure = fault("late", at_s=0.0, by_s=0.006, command="tip_temperature", every=1)
     run = prepare(line_text(slow_to_measure, "ports = [1]"), AUTO, duration_s=20).go()
@@ -216,8 +214,8 @@ def test_without_pause_there_is_no_rate() -> None:
 
 
 def test_where_no_rate_is_left_the_refusal_says_what_would_be() -> None:
-    """Flags each 0.1 s want 3.33 Hz at least, and behind 16 ms two ports have 4 Hz at the most with
-    a fifth in reserve.
+    """Flags every 0.1 s need at least 3.33 Hz. With a reserve of one fifth, two ports reach at most
+    4 Hz at 16 ms, and less at 25 ms.
     """
     context = desk_of("dde", (1, 2), 25, 25, "alarms_every_s = 0.1\n")
     with pytest.raises(

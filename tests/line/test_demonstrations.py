@@ -1,6 +1,4 @@
-"""Recorded runs of every family, lived through again: the tables must be those that were kept with
-them.
-"""
+"""Recorded runs of every family, replayed: the tables must equal those stored with the runs."""
 
 from __future__ import annotations
 
@@ -66,7 +64,7 @@ def test_they_are_whole_and_small() -> None:
 
 
 def test_they_name_no_machine() -> None:
-    """Texts that were packed escape the test that looks for such."""
+    """The test that searches for machine names cannot read packed texts."""
     for path in (path for name in DEMONSTRATIONS for path in wire_paths(RUNS / name)):
         texts = {row.text for row in read_rows(path) if row.what not in ("sent", "heard")}
         assert not any(Path(text).is_absolute() and not text.startswith("/dev/") for text in texts)

@@ -1,4 +1,4 @@
-"""What is hard to believe is asked again, marked, and told once a series."""
+"""An implausible value is asked again and marked; a series of them is reported once."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_a_counter_that_goes_on_is_recorded_as_it_goes() -> None:
 
 
 def test_a_counter_that_goes_on_while_it_is_read_keeps_the_characters_of_its_answer() -> None:
-    """Of three that grow the middle one is right; what the station said last was another."""
+    """Of three rising values the middle one is right, but it is not the station's last answer."""
     run = one_port(duration_s=5)
     ask, told = run.station.device.answer, iter(range(7, 1000))
 
@@ -198,7 +198,9 @@ def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(
 
 
 def test_the_first_temperature_of_a_run_is_asked_again() -> None:
-    """00056 and 00416 differ in two bits and have the same check byte; so may any first reading."""
+    """00056 and 00416 differ in two bits and have the same check byte, so any first reading may be
+    wrong.
+    """
     run = one_port()
     say(run, "TT1", "00416", first_sample_s())
     run.go()
@@ -337,7 +339,9 @@ def test_two_answers_that_are_25_degrees_apart_do_not_contradict(
 def test_a_tip_may_change_by_50_degrees_from_one_tick_to_the_next(
     value: int, is_doubted: bool, times: int
 ) -> None:
-    """The tip is at 350 °C; said once, 299 is contradicted; said again and again it is a jump."""
+    """The tip is at 350 °C. A single 299 is contradicted by the next answer; a repeated one is a
+    jump.
+    """
     run = one_port()
     say(run, "TT1", f"{value:05d}", 10, times=times)
     run.go()

@@ -1,4 +1,4 @@
-"""Alarm episodes of virtual stations: what the rows say is what the session itself believed,
+"""Alarm episodes of virtual stations: the recorded rows give the same alarms as the session found,
 whatever the link does.
 """
 
@@ -23,8 +23,8 @@ def run_with(sim: str, recipe: str = GOES_ON, duration_s: float = 40) -> Virtual
 
 
 def evaluated(run: VirtualRun) -> tuple[list[EventRow], LiveAlarms]:
-    """What the recorder would have told of the run, settings first, then rows and events in the
-    order of their moments.
+    """Return the alarm events and the state that the recorder's evaluation gives for a run:
+    settings first, then events, then rows.
     """
     told: list[EventRow] = []
     live = LiveAlarms(told.append)
@@ -79,7 +79,7 @@ def test_what_is_too_hot_for_longer_than_the_delay_is_raised_and_clears() -> Non
 
 
 def test_an_outage_neither_raises_nor_clears() -> None:
-    """It is hot before the outage and behind it."""
+    """The tip is hot before and after the outage."""
     run = run_with(
         fault("overheat", at_s=12, for_s=20, by_c=25) + fault("dropout", at_s=18, for_s=6),
         duration_s=50,

@@ -1,5 +1,5 @@
-"""A link that is flooded: it counts as lost, nothing that came over it is believed, and its tools
-are told to rest all the same.
+"""A flooded link counts as lost: nothing received on it is believed, and its tools still get their
+safe orders.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def rows_of(run: VirtualRun, name: str) -> list[list[object]]:
 
 
 def only(run: VirtualRun, name: str) -> VirtualRun:
-    """The part of one station."""
+    """Return the part of the run that belongs to one station."""
     memory = Memory(
         samples=[row for row in run.memory.samples if row[COLUMN["station"]] == name],
         counters=[row for row in run.memory.counters if row.station == name],
@@ -102,7 +102,7 @@ def test_it_keeps_a_run_from_a_plain_accept() -> None:
     ("times", "kinds"), [(5, []), (8, []), (12, ["link.flooded", "link.back"])]
 )
 def test_ten_times_the_bytes_that_are_due_are_the_limit(times: float, kinds: list[str]) -> None:
-    """At 5 Hz of this line some 45 answers are due each second, of some 15 bytes."""
+    """At 5 Hz this line has about 45 answers a second, each of about 15 bytes."""
     sound = prepare(duration_s=20, rate=5.0).go()
     answered = [one for one in sound.heard if sound.t0 + 8 <= one.at < sound.t0 + 18]
     due_per_s = sum(len(one.clean or "") + 8 for one in answered) / 10
@@ -191,7 +191,7 @@ def test_a_run_with_a_flood_is_lived_through_again_to_the_row() -> None:
 
 
 def _noted(session: Steps[StationFacts], tape: list[ReplayStep]) -> Steps[StationFacts]:
-    """The session, with each thing that it is told put on the tape."""
+    """Return the session; write everything that it receives to the tape."""
     given: list[bytes] = [b""]
     asked: list[bytes] = [b""]
 

@@ -1,4 +1,6 @@
-"""Hot air: applied, sampled and made safe, by what the wire carried and what the heater did."""
+"""Hot air: recipe, samples and safe states, compared with the bytes on the serial line and with the
+heater.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 
 def cells(run: VirtualRun, column: str) -> list[object]:
-    """The values of a column, nulls aside."""
+    """Return the values of a column without nulls."""
     return [value for value in run.memory.column(column) if value is not None]
 
 
@@ -83,7 +85,9 @@ def test_a_tool_that_is_not_switched_on_stops_the_run() -> None:
 def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(
     greatest: int, raw: int
 ) -> None:
-    """docs/reference/contradictions.md, B-33: per mille, per cent, litres: one share."""
+    """docs/reference/contradictions.md, B-33: per mille, per cent and litres are all shares of the
+    maximum.
+    """
     settings = f"minimum_air_flow = 1, selected_air_flow = 20, maximum_air_flow = {greatest}"
     run = hot_air(f"settings = {{ {settings} }}", duration_s=15).go()
     assert f"WSF1{raw:05d}" in written(run)
@@ -250,7 +254,7 @@ def test_its_counters_are_its_own() -> None:
 
 
 def test_without_a_thermocouple_its_temperature_is_null_and_the_row_is_well() -> None:
-    """docs/reference/contradictions.md, B-44, from the very first row on."""
+    """docs/reference/contradictions.md, B-44, from the first row on."""
     run = hot_air("thermocouple = false", duration_s=15).go()
     assert cells(run, "external_c") == []
     assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {"external_c=no_thermocouple"}
@@ -309,8 +313,8 @@ def test_a_tool_that_is_pulled_out_gives_no_temperature() -> None:
 
 
 def test_another_tool_is_told_and_goes_on() -> None:
-    """There is no delay that could be off: the safe states of hot air have the heater off whatever
-    the tool.
+    """No delay can be off here: the safe states of hot air switch the heater off, whatever the
+    tool.
     """
     run = hot_air(fault("tool", code=2, at_s=8), duration_s=20).go()
     (changed,) = run.memory.of_kind("tool.changed")
@@ -473,8 +477,8 @@ def test_port_errors_are_those_of_hot_air(code: int, severity: str) -> None:
 
 
 def test_no_write_of_a_run_is_dangerous() -> None:
-    """What `run` can send to hot air: settings of the recipe and the status
-    (docs/reference/faults.md, I7).
+    """`run` writes to hot air only settings of the recipe and the status (docs/reference/faults.md,
+    I7).
     """
     run = hot_air("joints_per_minute = 6", duration_s=30).go()
     assert {text[1:4] for text in written(run)} <= {"WM1", "SF1", "SE1", "ST1", "PS1"}
@@ -492,7 +496,7 @@ def test_auto_finds_hot_air_by_its_model() -> None:
 
 
 def test_hot_air_where_a_soldering_station_should_be_is_not_written_to() -> None:
-    """Its 00001, stand elsewhere, would switch the heater on."""
+    """00001, which means stand elsewhere, would switch its heater on."""
     run = prepare(line_text("model = 'JTSE'"), duration_s=5).go()
     assert "the line file says family dde, the station says model JTSE" in run.facts.reason
     assert written(run) == []
@@ -514,14 +518,14 @@ def with_keys(air: str = "", run: str = "", status: str = 'status = "on"') -> st
 
 
 def sucking(recipe: str, *, begins: bool = True, sim: str = "", **more: object) -> VirtualRun:
-    """A run whose station holds a part, or not, when it begins."""
+    """Return a run whose station holds a part at the start, or does not."""
     run = hot_air(sim, recipe=recipe, duration_s=5, **more)
     plant(run).suck(on=begins)
     return run
 
 
 def words(run: VirtualRun) -> list[str]:
-    """The status words that were written, whatever became of them."""
+    """Return the status words that were written, whatever the outcome."""
     return [one.text.removeprefix("WPS1") for one in run.writes if one.text.startswith("WPS")]
 
 
@@ -568,7 +572,7 @@ def test_what_a_key_switches_during_the_run_is_kept_at_the_end() -> None:
 
 
 def test_a_single_answer_does_not_decide_it() -> None:
-    """Two bits turned over in one column pass the check byte."""
+    """Two flipped bits in one column pass the check byte."""
     run = sucking(with_keys(), begins=True)
     seen: list[bool] = []
 
@@ -584,7 +588,9 @@ def test_a_single_answer_does_not_decide_it() -> None:
 
 
 def test_the_safe_order_does_not_wait_for_a_reading_of_the_status() -> None:
-    """Reads of the status are silent from then on: the last confirmed digit goes out at once."""
+    """The station stops answering reads of the status; the safe order uses the last confirmed digit
+    at once.
+    """
     run = sucking(with_keys(), sim=fault("silence", command="status", only="read", at_s=3))
     run.go()
     last_tick = max(one.at for one in run.heard if one.text == "RAT1" and one.at <= run.t0 + 7)

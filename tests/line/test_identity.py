@@ -1,5 +1,5 @@
-"""Another station of the same model behind the cable that was out: known by its software and by its
-plugged hours.
+"""Another station of the same model on the cable after an outage: its software and its plugged
+hours reveal it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def bench(hours: float = HOURS, duration_s: float = 20) -> VirtualRun:
 def exchange(
     run: VirtualRun, *, hours: float = 0.0, software: str | None = None, at_s: float = 5
 ) -> None:
-    """Put another station there while the cable is out: more plugged hours, other software."""
+    """Put another station there during the outage: more plugged hours, other software."""
 
     def exchanged() -> None:
         run.station.plant.start_counts["plugged_hours"] += hours
@@ -36,7 +36,9 @@ def exchange(
 
 
 def assert_gone(run: VirtualRun, said: str) -> None:
-    """It is told once who is there, nothing is recorded of it, and nothing written to it."""
+    """The change is reported once; nothing is recorded from the other station, and nothing is
+    written to it.
+    """
     (event,) = run.memory.of_kind("identity.changed")
     assert said in event.text
     assert "It is neither read nor written." in event.text
@@ -76,7 +78,7 @@ def test_hours_that_fall_or_outrun_the_clock_are_those_of_another_station(hours:
 
 
 def test_an_hour_may_have_become_full_meanwhile() -> None:
-    """The counters count whole hours."""
+    """The counters count full hours."""
     run = bench()
     exchange(run, hours=1)
     assert_resumed(run.go())
@@ -97,7 +99,7 @@ def test_hours_are_looked_at_on_every_port() -> None:
 
 
 def test_hours_go_on_while_it_is_away() -> None:
-    """Two hours away, two hours more: the same station."""
+    """An outage of two hours adds two hours: it is the same station."""
     away = AWAY.replace("for_s = 3", "for_s = 7300")
     run = prepare(
         line_text(f"counters = {{ plugged_hours = {HOURS} }}\n" + away, "ports = [1]"),
@@ -155,9 +157,7 @@ def test_cables_that_were_swapped_between_two_questions_are_known_by_the_next_ho
 def test_another_station_in_mid_run_is_known_at_the_next_reading_of_the_counters(
     which: str, name: str, said: str
 ) -> None:
-    """Nothing breaks, nothing is asked twice: the cable was put into another station between two
-    questions.
-    """
+    """No answer is lost or repeated: the cable is moved to another station between questions."""
     run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=200)
     identity = run.station.device.identity
     before = getattr(identity, which)
@@ -232,7 +232,9 @@ def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() 
 def test_what_another_station_answers_is_no_change_of_this_one(
     which: str, said: str, change: str
 ) -> None:
-    """Before a change is recorded, the station is asked who it is: the cable may have moved."""
+    """Before a change is recorded, the identity is read again, because the cable may have been
+    moved.
+    """
     run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=100)
 
     def swap() -> None:
@@ -266,7 +268,7 @@ def test_a_change_costs_one_look_at_the_identity_and_ticks_none() -> None:
 
 
 def test_a_change_is_not_recorded_while_the_identity_cannot_be_read() -> None:
-    """It is recorded as soon as the station has said who it is."""
+    """It is recorded as soon as the identity is confirmed."""
     fault = "[[station.sim.fault]]\nkind = 'flip'\ncommand = 'model'\nat_s = 5\nfor_s = 30\n"
     run = prepare(line_text(fault), duration_s=50)
     run.at(10, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))

@@ -1,8 +1,8 @@
 """Every line format of the older stations (manual 000, 2.1): 12 rates, three parities, one or two
 stop bits.
 
-The arithmetic of the wire decides what a plan promises, so it is done here a second time, from the
-bits up; then each format is run on a clock that jumps, at the rate that the plan says is the best.
+A plan is computed from transmission times. These tests compute them a second time, from the bits,
+and then run each format on a virtual clock at the best rate of its plan.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def test_a_whole_run_keeps_the_rate_that_fits(baudrate: int, form: str) -> None:
 
 
 def assert_no_exchange_beats_its_bits(run: VirtualRun, character_s: float) -> None:
-    """Between a question and the next there is time for all of its characters and those of its
+    """The time between two questions is enough for all characters of the first one and of its
     answer.
     """
     for one, following in zip(run.heard, run.heard[1:], strict=False):
@@ -98,8 +98,8 @@ def assert_no_exchange_beats_its_bits(run: VirtualRun, character_s: float) -> No
 
 
 def _characters(one: Heard) -> int:
-    """STX, four digits of addresses, ETX and the check byte are seven beside the text; what was not
-    said takes no time.
+    """Return the characters of a question and its answer. Beside the text there are seven: STX,
+    four digits of addresses, ETX and the check byte. A missing answer takes no time.
     """
     return 7 + len(one.text) + (7 + len(one.sent) if one.sent else 0)
 

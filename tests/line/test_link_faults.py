@@ -1,8 +1,8 @@
-"""Runs under random faults of line and station, held against docs/reference/faults.md, I1, I2, I4,
-I7 and S-2.
+"""Runs under random faults of link and station keep I1, I2, I4, I7 and S-2 of
+docs/reference/faults.md.
 
-Each run has a number, which decides all of its faults. A default run tries the first of them;
-`-m campaign` the rest.
+The number of a run decides all of its faults. By default the first numbers are tried; `-m campaign`
+tries the rest.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ OTHERWISE = (
 
 
 def tape(random: Random) -> str:
-    """Some faults, at any time and at once."""
+    """Return one to four faults at random times, which may overlap."""
     return "".join(_fault(random) for _ in range(random.randint(1, 4)))
 
 
@@ -121,8 +121,8 @@ def test_a_run_under_faults_on_a_station_that_does_everything_otherwise(number: 
 
 @pytest.mark.parametrize("number", first(4, range(20)))
 def test_flipped_pairs_of_bits_are_all_that_can_be_wrong(number: int) -> None:
-    """Two flipped bits pass the check byte once in eleven times: recorded is what was sent, and
-    nothing else.
+    """Two flipped bits pass the check byte once in eleven times. The record then has the value as
+    it arrived, and no other wrong value.
     """
     run = run_number(
         1000 + number,

@@ -1,5 +1,5 @@
-"""A model name that no table has, accepted by the line file's key `model`: driven as the family
-says, once that is borne out.
+"""A model name that no table has, accepted by the key `model` of the line file: the station is
+driven as its family, once its answers prove the family.
 """
 
 from __future__ import annotations
@@ -44,9 +44,7 @@ def run_of(
 
 
 def assert_refused_untouched(run: VirtualRun, *told: str) -> None:
-    """Refused with these words (exit 3), and by the station's own log nothing was ever written to
-    it.
-    """
+    """The run is refused with these words (exit code 3), and the station's own log has no write."""
     assert run.facts.outcome == "refused"
     for text in told:
         assert text in run.facts.reason
@@ -121,8 +119,8 @@ def test_after_an_outage_another_name_is_another_station(name: str) -> None:
 
 
 def test_after_an_outage_hot_air_under_the_accepted_name_is_never_told_a_status() -> None:
-    """00001 is "stand" for a soldering tool and "on" for hot air: the name alone, which nobody's
-    table has, proves no kind.
+    """00001 is "stand" for a soldering tool and "on" for hot air. A model name that no table has
+    proves neither kind.
     """
     run = run_of("dde", 'ports = [1]\nmodel = "DIE"', f'model = "DIE"{AWAY}', duration_s=12)
     hears = run.station.device.answer

@@ -1,5 +1,5 @@
-"""What the manual of a station does not print is the station's own to refuse (N 00003), and no
-other manual's.
+"""A value that a station's manual does not print is refused by the station itself (N 00003), not by
+the limits of another manual.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OLD_JOB = (
     .replace("limit_c = 380", "limit_c = 381")
     .replace('["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]', '["soldering"]')
 )
-"""Values that 002 does not allow, and of which 000 prints nothing."""
+"""Values that manual 002 does not allow, and that manual 000 does not print."""
 SENT = ["WD1200300", "WH1200062", "WHA100381", "WS1200081", "WA1200060", "WST100351"]
 STRICT = "refuses_unprinted = true"
 

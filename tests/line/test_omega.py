@@ -1,5 +1,5 @@
-"""Whole runs of an OMEGA on a virtual clock: its states at its own pace, its condition, and what it
-refuses by silence.
+"""Whole runs of an OMEGA on a virtual clock: its states at its own rate, its condition, and
+requests that it refuses by silence.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def prepared(sim: str = "", recipe: str = HEAD, keys: str = "", **more: object) 
 
 
 def also_says(run: VirtualRun, after_s: float, data: bytes) -> None:
-    """Let the controller say something by itself that long after the beginning."""
+    """Let the controller send something unasked, that long after the start."""
     receive, left = run.omega.receive, [Reply(run.t0 + after_s, data)]
 
     def both(sent: bytes, now: float) -> list[Reply]:
@@ -46,7 +46,7 @@ def also_says(run: VirtualRun, after_s: float, data: bytes) -> None:
 
 
 def pulled_out_with(run: VirtualRun, letter: str) -> None:
-    """Let the cable go out for good as soon as a question with this letter was heard."""
+    """Pull the cable permanently after a question with this letter."""
     receive = run.omega.receive
 
     def last(sent: bytes, now: float) -> list[Reply]:
@@ -59,7 +59,7 @@ def pulled_out_with(run: VirtualRun, letter: str) -> None:
 
 
 def outcomes(memory: Memory) -> dict[str, str]:
-    """The outcome of each field of the condition."""
+    """Return the outcome of each field of the condition."""
     return {row.setting.partition(".")[2]: row.outcome for row in memory.settings}
 
 
@@ -69,7 +69,7 @@ YES = {"solder_shortage": "13", "clogged": "23", "preparing": "1", "in_range": "
 
 
 def wrong_states(run: VirtualRun) -> list[str]:
-    """Every state that is not what the controller had to say to a question asked for that row."""
+    """Return each state that differs from the controller's answer to a question of its row."""
     found, moments = [], [one.at for one in run.heard]
     for row in run.memory.samples:
         late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
@@ -137,7 +137,9 @@ def test_a_run_asks_and_orders_nothing() -> None:
 
 
 def test_three_questions_a_tick_of_up_to_a_quarter_of_a_second_each() -> None:
-    """003, 11.1; at 3 Hz they cannot all be answered, and the refusal names what can."""
+    """Manual 003, 11.1. At 3 Hz it cannot answer them all, and the refusal states the possible
+    rate.
+    """
     run = prepared("turnaround_ms = 250", duration_s=10, rate=3).go()
     assert run.facts.outcome == "refused"
     assert "The best rate is 1.2 Hz" in run.facts.reason
@@ -197,7 +199,9 @@ def test_a_joint_takes_the_temperature_out_of_its_range_and_a_lasting_one_is_tol
 
 
 def test_an_error_is_believed_when_it_is_said_twice() -> None:
-    """Two flipped bits make a0 a good a2: 0 and 2 differ in one bit, so do the sums 91 and 93."""
+    """Two flipped bits turn a0 into a valid a2: 0 and 2 differ in one bit, and so do the sums 91
+    and 93.
+    """
     run = prepared("turnaround_ms = 20", duration_s=20)
     told, left = run.omega.plant.information, [True]
 
@@ -243,7 +247,7 @@ def test_noise_flipped_bits_and_late_answers_leave_no_wrong_value(seed: int) -> 
 
 
 def test_a_state_that_it_never_answers_is_one_that_it_does_not_have() -> None:
-    """What it does not know it ignores, while it answers the next question."""
+    """It ignores what it does not know, and answers the next question."""
     run = prepared(
         "turnaround_ms = 20" + fault("nak", command="set_temperature_state"), duration_s=10
     ).go()
@@ -331,7 +335,7 @@ def test_a_restart_is_lived_through() -> None:
 
 
 def test_what_it_says_by_itself_is_an_event_and_answers_nothing() -> None:
-    """Somebody had ordered a joint before the run began: h comes in the middle of it."""
+    """A joint was ordered before the run began, so h arrives in the middle of it."""
     run = prepared("turnaround_ms = 20", duration_s=10)
     also_says(run, 5.3, b"\x02h\x0368")
     run.go()
@@ -380,8 +384,8 @@ def test_with_leave_it_is_written_once_and_read_back() -> None:
 
 
 def test_what_the_controller_does_not_take_is_refused() -> None:
-    """The virtual one takes no speed above 60 mm/s; it says nothing to it, and answers the next
-    question.
+    """The virtual one accepts no speed above 60 mm/s: it does not answer the write, but answers the
+    next question.
     """
     fast = ConditionRecord(
         **{**{name: getattr(WANTED, name) for name in WANTED.__slots__}, "feed1_mm_s": 99.0}
@@ -409,7 +413,7 @@ def test_a_lost_acknowledgement_is_settled_by_reading_back() -> None:
 
 
 def test_a_write_that_cannot_be_read_back_is_not_confirmed() -> None:
-    """The cable goes out with the write: whether it was done nothing tells, and it is not sent
+    """The cable is pulled during the write. Nothing shows whether it was done, and it is not sent
     again.
     """
     run = prepared("turnaround_ms = 20", asks_for(WANTED), duration_s=5, allow_omega_write=True)
@@ -472,7 +476,7 @@ WANTED_OTHERWISE = ConditionRecord(
 
 @pytest.mark.parametrize(("sim", "raw"), [("", 3500), ('quirks = ["temperature_in_degrees"]', 350)])
 def test_a_set_temperature_is_kept_raw_and_marked(sim: str, raw: int) -> None:
-    """docs/reference/contradictions.md, B-51: nothing here decides whether it is in tenths."""
+    """docs/reference/contradictions.md, B-51: nothing here shows whether it is in tenths."""
     wanted = ConditionRecord(399, *[getattr(WANTED, name) for name in WANTED.__slots__[1:]])
     run = prepared(sim, asks_for(wanted), duration_s=3).go()
     assert run.facts.outcome == "refused"

@@ -1,9 +1,9 @@
-"""Flipped bits in OMEGA's answers: one is always seen; of two, those that change text and sum alike
-are not.
+"""Flipped bits in answers of OMEGA: one is always noticed; two are not if text and sum change
+alike.
 
-The sum is arithmetic, so a bit of a digit and the same step in the sum's last character pass
-together: ``a0 91`` and ``a2 93``. What then passes is counted here, and an error is asked for twice
-before it is believed (`tests/line/test_omega.py`).
+The sum is arithmetic, so a bit of a digit and an equal step in the last character of the sum pass
+together: ``a0 91`` and ``a2 93``. These tests count what passes; an error is read twice before it
+is believed (`tests/line/test_omega.py`).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ LINE = LineFormat(9600)
 
 
 def taken(command: Command, wire: bytes) -> Value | None:
-    """The value that a client which has just asked takes `wire` for; None where it goes on
-    listening or asks again.
+    """Return the value that a client reads from `wire` after its question; None if it still waits
+    or asks again.
     """
     station = OmegaStation(LINE)
     asking = station.ask(station.question(command))
@@ -66,7 +66,7 @@ def test_no_single_flipped_bit_is_taken(command: Command, text: str) -> None:
 
 
 def others(command: Command, text: str) -> list[Value]:
-    """What a client takes of every corruption of two bits and is not what was said."""
+    """Return the wrong values that a client reads from corruptions of two bits."""
     said = taken(command, framed(text))
     framed_well = (
         sent
@@ -96,6 +96,6 @@ def test_which_of_the_1128_corruptions_of_two_bits_pass(
 
 
 def test_of_a_condition_one_in_eighty_passes_and_two_answers_are_wanted_of_it() -> None:
-    """`desk.agreed` reads it twice: no two corruptions alike are to be expected."""
+    """`desk.agreed` reads it twice; two equal corruptions are not to be expected."""
     assert len(others(C124, RECORD)) == 1159
     assert len(list(flipped(framed(RECORD), 2))) == 96_580

@@ -1,5 +1,5 @@
-"""Whole runs, on a virtual clock, of an OMEGA that knows no more than its printed page: A, answered
-with a, with a digit or not.
+"""Whole runs, on a virtual clock, of an OMEGA that knows only its printed page: it answers A with
+a, with or without a digit.
 """
 
 from __future__ import annotations
@@ -64,9 +64,7 @@ def test_with_its_digit_a_tells_both_flags(answer: str, short: bool, clogged: bo
 
 
 def test_each_tick_asks_what_is_answered_and_nothing_else() -> None:
-    """What was silent at the start is asked no more: three questions each that it did not take, and
-    then A only.
-    """
+    """Each question without an answer at the start is asked three times, and then no more."""
     controller = PageOmega("a0")
     run = prepared(controller).go()
     assert {text: controller.texts.count(text) for text in ("B", "F")} == {"B": 3, "F": 3}
@@ -84,8 +82,8 @@ def test_a_first_question_that_is_swallowed_is_asked_again() -> None:
 
 
 def test_a_digit_that_is_missing_now_and_then_does_not_end_a_shortage() -> None:
-    """A state that was told stands until another is told; the answer without a digit is unknown,
-    and not normal.
+    """A state holds until the controller sends another one; an answer without a digit is unknown,
+    not normal.
     """
     controller = PageOmega("a1")
     run = prepared(controller, duration_s=20.0)

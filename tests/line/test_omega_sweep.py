@@ -1,5 +1,5 @@
-"""OMEGA's answers late, twice, cut, merged, echoed, foreign, or not at all: no value is ever taken
-for another question's.
+"""Answers of OMEGA that are late, repeated, cut, merged, echoed, foreign or missing: no value is
+ever assigned to another question.
 """
 
 from __future__ import annotations
@@ -30,11 +30,10 @@ QUESTIONS = 60
 
 
 class Disturbed:
-    """A controller that says another digit each time, and a line that does something to every third
-    answer.
+    """A controller that answers with a random digit, on a link that disturbs every third answer.
 
-    Answers keep their order, as a wire does. `said` is the truth: what was answered to each
-    question, by its number.
+    Answers keep their order, as on a serial line. `said` has the true answer to each question, in
+    order.
     """
 
     def __init__(self, kinds: Sequence[str], seed: int) -> None:
@@ -75,9 +74,7 @@ class Disturbed:
 def asked_in_turn(
     station: OmegaStation, line: Disturbed, seed: int
 ) -> Steps[list[tuple[Value, int]]]:
-    """Ask at random; each value with the digit that was answered to the last question with its
-    letter.
-    """
+    """Ask at random; return each value with the last digit that was answered to its letter."""
     roll, got = Random(seed), []
     station.unasked((yield Reopen()))
     for _ in range(QUESTIONS):

@@ -1,5 +1,5 @@
-"""A station that goes away: its ticks keep their rows, nothing is written to it, and it is looked
-at before it counts again.
+"""A disconnected station: its ticks keep their rows, nothing is written to it, and it is examined
+before it counts again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ GOING_ON = RECIPE + 'on_difference = "continue"\n'
 
 
 def away_for_3_s(kind: str) -> str:
-    """Three ways of being away from the fourth second on."""
+    """Return a fault that makes the station unavailable for 3 s, in one of several ways."""
     return fault(kind, at_s=4, for_s=3, **({"code": 5} if kind == "nak" else {}))
 
 
@@ -30,14 +30,14 @@ def writes_between(run: VirtualRun, begin_s: float, end_s: float) -> list[str]:
 
 
 def second(run: VirtualRun, tick: object) -> float:
-    """The second of the run at which a tick was due."""
+    """Return the second of the run at which a tick was due."""
     assert isinstance(tick, int)
     assert run.facts.period_s is not None
     return tick * run.facts.period_s
 
 
 def missing(run: VirtualRun, why: str) -> list[float]:
-    """When the ticks were due whose temperature is missing for that reason."""
+    """Return the due times of the ticks whose temperature is missing for that reason."""
     return [
         second(run, row[COLUMN["tick"]])
         for row in run.memory.samples
@@ -114,7 +114,7 @@ def test_a_hot_tip_behind_a_cut_cable_is_critical() -> None:
 
 
 def test_a_seek_with_back_off() -> None:
-    """Ten minutes away: two questions every five seconds or so, not hundreds."""
+    """In an outage of ten minutes: two questions about every five seconds, not hundreds."""
     run = prepare(line_text(fault("silence", at_s=4, for_s=600)), duration_s=610).go()
     asked = [one.text for one in run.heard if run.t0 + 60 < one.at < run.t0 + 600]
     assert 150 < len(asked) < 250
@@ -122,7 +122,7 @@ def test_a_seek_with_back_off() -> None:
 
 
 def test_without_a_grid_an_outage_leaves_a_row_a_scan_and_no_flood() -> None:
-    """With `--rate max` ticks count scans; what was not scanned is not made up afterwards."""
+    """With `--rate max` ticks count scans; scans that did not take place get no rows afterwards."""
     run = prepare(line_text(away_for_3_s("dropout"), "ports = [1]"), duration_s=60, rate="max").go()
     ticks = run.memory.column("tick")
     assert ticks == list(range(len(ticks)))
@@ -283,7 +283,7 @@ def test_ended_while_it_is_away(at_s: float) -> None:
 @pytest.mark.parametrize("kind", ["dropout", "silence"])
 @pytest.mark.parametrize("at_s", [4.7, 5.5])
 def test_one_that_was_only_late_when_the_run_was_ended_is_not_gone(kind: str, at_s: float) -> None:
-    """It confirmed its safe state: the signal alone is the run's end."""
+    """It confirmed its safe state, so the signal is the only reason for the end."""
     run = prepare(line_text(fault(kind, at_s=4, for_s=2.0)), duration_s=None)
     run.at(at_s, lambda: run.driver.end("ended by SIGTERM"))
     run.go()

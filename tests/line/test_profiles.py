@@ -1,9 +1,8 @@
-"""Every line file that comes with the project, run as it stands: planned, recorded, sealed, judged,
-and looked at from outside.
+"""Every line file of the project, unchanged: planned, recorded, sealed, judged, and watched from
+outside.
 
-Each is lived through once, on virtual stations and a clock that jumps. A line file that joins
-`profiles/lines` is walked like the others; one that ends otherwise than accepted says so in
-`OTHERWISE`.
+Each runs once, on virtual stations and a virtual clock. A new line file in `profiles/lines` is
+tested like the others; one with another verdict than ACCEPT is listed in `OTHERWISE`.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ LINES = sorted((PROFILES / "lines").glob("*.toml"))
 SECONDS = 180.0  # long enough for a bound of every tip's idle error
 # after a while its virtual feeder has no solder left
 OTHERWISE = {"omega": "ACCEPT WITH DEVIATIONS"}
-"""Line file -> verdict, where it is not ACCEPT."""
+"""Line file -> verdict, if it is not ACCEPT."""
 
 SETTINGS = {
     *("sleep_delay", "hibernation_delay", "sleep_temperature", "adjust", "selected_temperature"),
@@ -52,7 +51,7 @@ AIR = {
     "work_mode",
 }
 A_RUN_WRITES = SETTINGS | FEEDER | AIR | {"status", "stop_feeding"}
-"""All that `run` can write (docs/reference/faults.md, S-5), but for OMEGA's condition with
+"""All settings that `run` can write (docs/reference/faults.md, S-5), except OMEGA's condition with
 --allow-omega-write.
 """
 
@@ -61,14 +60,14 @@ Recorded = Callable[[Path], RecordedRun]
 
 
 def plan_of(path: Path) -> Plan:
-    """The line with its own recipes; the bench names none, as the demo has it."""
+    """Return the plan of a line with its own recipes; a line without any gets the demo's."""
     own = all(station.recipe is not None for station in load_line(path).stations)
     return make_plan(RunOptions(path, None if own else RECIPE, duration_s=SECONDS))
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    """The run of a line file, lived through when first asked for."""
+    """The run of a line file, recorded on first use."""
     return cache(lambda path: RecordedRun(plan_of(path), tmp_path_factory.mktemp(path.stem)))
 
 
@@ -183,7 +182,7 @@ def test_every_family_has_a_line_with_a_recipe_of_its_own(family: str) -> None:
 
 
 def test_the_systems_that_one_family_covers_have_a_line_each() -> None:
-    """UCR245 and UCR470 (manual 004), ALE without and with perforation of the wire, two line
+    """UCR245 and UCR470 (manual 004), ALE without and with perforation of the solder wire, two line
     formats of manual 000.
     """
     models = {

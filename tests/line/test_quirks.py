@@ -1,8 +1,8 @@
-"""A station that does otherwise than recommended: the run records the same as without, and says
-what it met, once.
+"""A station that deviates from the recommended form: the run records the same as without the
+deviation, and reports it once.
 
-Every quirk that a virtual station knows is played here, in a whole run or, where a run never sends
-what shows it, against the client alone. The decisions' own table says which row each belongs to.
+Every quirk that a virtual station has is tried here, in a whole run, or against the client alone if
+a run never sends the command. The table of decisions gives the row of each quirk.
 """
 
 from __future__ import annotations
@@ -56,11 +56,12 @@ def _feed(run: VirtualRun) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A run in which a quirk shows: its family, what the line file and the recipe say, and what
-    happens meanwhile.
+    """A run that shows a quirk: the family, the keys of line file and recipe, and an action during
+    the run.
 
-    `differs` are columns in which the number itself is kept as it came, with what both numbers are
-    held against. `tells`: the driver can notice it; `usually`: the recommended form is odd as well.
+    `differs`: columns that keep the number as received, each with a function that makes both
+    numbers comparable. `tells`: the driver can notice the quirk. `usually`: the recommended form is
+    an anomaly as well.
     """
 
     family: str = "dde"
@@ -140,7 +141,7 @@ def run_of(case: Case, *quirks: str) -> VirtualRun:
 
 
 def samples(run: VirtualRun, case: Case) -> list[tuple[object, ...]]:
-    """The rows without their times; what a column is held against in its place."""
+    """Return the rows without their times, and with the columns of `differs` made comparable."""
     columns = [
         column
         for column in SAMPLE_COLUMNS
@@ -224,7 +225,7 @@ def test_all_quirks_at_once_change_nothing_either() -> None:
 
 
 def test_an_extractor_state_that_a_recipe_wants_and_the_station_refuses_stops_the_start() -> None:
-    """As the refusal of any setting does; as the safe state it is followed by stand."""
+    """Like any refused setting. As a safe state it is replaced by stand."""
     line = line_text('quirks = ["extractor_refused"]').replace('"dde"', '"ucr"')
     recipe = FAMILIES_IN_RECIPE.sub('families = ["ucr"]', RECIPE).replace(
         'status = "working"', 'status = "extractor"'
@@ -242,7 +243,7 @@ def test_an_extractor_state_that_a_recipe_wants_and_the_station_refuses_stops_th
 def test_the_unit_of_the_sleep_delay_shows_wherever_a_tool_is_told_to_stand(
     quirk: list[str],
 ) -> None:
-    """At the end of every run, and at its beginning where the recipe wants the tools to stand."""
+    """At the end of every run, and at its start if the recipe orders the tools to stand."""
     line = line_text(f'quirks = {quirk}\nsettings = {{status = "working"}}')
     stands = prepare(line, RECIPE.replace('status = "working"', 'status = "stand"'), 2).go()
     works = prepare(line, RECIPE, 2).go()
@@ -271,8 +272,8 @@ def test_the_air_flow_without_a_unit_is_marked_and_kept() -> None:
 def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(
     quirk: list[str], raw: str
 ) -> None:
-    """Nothing tells the two apart, so both numbers are said; the run is refused, because the recipe
-    asks for something else.
+    """Nothing distinguishes the two units, so the event has both numbers; the run is refused,
+    because the recipe requires another value.
     """
     recipe = (
         Path(jbclog.__file__)
@@ -301,7 +302,7 @@ def station_of(family: str, *quirks: str) -> VirtualStation:
 def do(
     other: VirtualStation, ask: Callable[[Station], Steps[object]], address: int | None = 1
 ) -> tuple[Station, object]:
-    """What came of it: the value, or the error where there is none."""
+    """Return the client, and the value or the error of its request."""
     station, outcome = Station(LineFormat(), address), list[object]()
 
     def steps() -> Steps[None]:

@@ -1,5 +1,5 @@
-"""Ticks on a grid: the product's own profile, `--rate fit` and `max`, ticks that come too late, and
-stations side by side.
+"""Ticks on a grid: the product's own profile, `--rate fit` and `max`, late ticks, and stations
+beside each other.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ STATION_WIDE = ("station_error", "transformer_c")
 
 
 def gaps_s(run: VirtualRun, column: str, port: int) -> list[float]:
-    """Seconds between the values of a column by its rows, begin and end of the run included."""
+    """Return the seconds between the values of a column, by its rows, with start and end of the
+    run.
+    """
     begin, end = run.memory.column("tick", port)[0], run.memory.column("tick", port)[-1]
     ticks = [
         row[COLUMN["tick"]]
@@ -46,7 +48,7 @@ def gaps_s(run: VirtualRun, column: str, port: int) -> list[float]:
 
 
 def two_stations(sim: str) -> str:
-    """`sim` describes the first; the second is the same at every run."""
+    """Return a line of two stations. `sim` describes the first; the second is always the same."""
     second = line_text("noise_c = 2.0\nseed = 7").split("[[station]]")[1]
     return line_text(sim) + "\n[[station]]" + second.replace("dde-1", "dde-2")
 
@@ -55,8 +57,8 @@ def two_stations(sim: str) -> str:
 
 
 def test_ten_minutes_of_the_products_own_profile() -> None:
-    """Two ports, three fast signals, all slow ones, counters, 10 Hz, 1 ms: no tick skipped, no slow
-    signal past its ceiling.
+    """Two ports, three fast signals, all slow ones, counters, 10 Hz, 1 ms: no tick is skipped, and
+    no slow signal exceeds its ceiling.
     """
     run = prepare(line_text("noise_c = 2.0"), duration_s=600).go()
     assert run.facts.outcome == "completed"
@@ -76,7 +78,7 @@ def test_ten_minutes_of_the_products_own_profile() -> None:
 
 
 def test_nothing_drifts() -> None:
-    """Due times are taken from the grid: twenty minutes later the first question still leaves when
+    """Due times are taken from the grid: after twenty minutes the first question is still sent when
     it is due.
     """
     run = prepare(line_text("", "ports = [1]"), duration_s=1200, rate=2).go()
@@ -109,7 +111,7 @@ def test_fit_takes_the_best_rate_and_keeps_it(turnaround_ms: float) -> None:
 
 
 def test_a_link_that_is_too_slow_with_pauses_too_is_refused() -> None:
-    """Measured again before it is refused; what was measured last is what the message names."""
+    """The response time is measured again before the refusal, which states the second result."""
     line = line_text("", "ports = [1]").replace("turnaround_ms = 1.0", "turnaround_ms = 60.0")
     run = prepare(line, duration_s=5).go()
     assert run.facts.outcome == "refused"
@@ -123,8 +125,8 @@ def test_a_link_that_is_too_slow_with_pauses_too_is_refused() -> None:
 
 
 def test_a_computer_that_is_late_at_the_start_is_not_taken_for_slow_stations() -> None:
-    """Until the first sample each result costs the computer 1.5 ms, and twenty stations ask at
-    once: it comes to an answer 30 ms after the question, though the link had it after 14 ms.
+    """Until the first sample, each result costs the computer 1.5 ms, and twenty stations ask at
+    once: it processes an answer 30 ms after the question, though the link had it after 14 ms.
     """
     head, station = line_text("", "ports = [1]").split("[[station]]")
     names = [f"dde-{number}" for number in range(1, 21)]
@@ -170,7 +172,7 @@ def test_max_asks_without_pause() -> None:
 
 @pytest.mark.parametrize("rate", [0.2, 0.3, 1])
 def test_a_slow_signal_comes_once_a_row_at_most(rate: float) -> None:
-    """At 0.2 Hz the flags are due every 2 s and there is a row every 5 s."""
+    """At 0.2 Hz the flags are due every 2 s, and there is a row every 5 s."""
     run = prepare(duration_s=120, rate=rate).go()
     assert run.facts.outcome == "completed"
     assert run.facts.due["1"]["alarm_high"] <= len(run.memory.column("tick"))
@@ -191,7 +193,7 @@ def test_a_rate_whose_rows_are_too_rare_for_a_ceiling_is_refused_before_any_writ
 
 
 def test_a_late_tick_is_no_burst_and_skipped_ticks_have_rows() -> None:
-    """A driver that comes back 1.25 s late, as on a host that had no time."""
+    """The driver returns 1.25 s late, as on a busy host."""
     run = prepare(duration_s=20)
     run.at(5, lambda: run.driver.clock.advance_to(run.driver.clock.monotonic() + 1.25))
     run.go()
@@ -238,7 +240,7 @@ def test_a_host_that_stood_still_over_the_end_leaves_no_tick_behind_it() -> None
     ids=["silent", "hung", "unplugged", "babbling"],
 )
 def test_a_station_in_trouble_moves_no_other(trouble: str) -> None:
-    """I6: the others' lateness is what it is without the fault."""
+    """I6: the lateness of the others is the same as without the fault."""
     calm = prepare(two_stations("seed = 1"), duration_s=30).go()
     troubled = prepare(two_stations("seed = 1\n" + trouble), duration_s=30).go()
     assert (
@@ -278,7 +280,7 @@ def test_one_hung_station_of_eight() -> None:
 
 @pytest.mark.parametrize("rate", [None, "max"])
 def test_a_station_that_knows_no_signal_ends_the_run(rate: str | None) -> None:
-    """Without pause such a run would spin for ever, and fill the memory with empty rows."""
+    """Without a pause such a run would never wait, and fill the memory with empty rows."""
     run = prepare(duration_s=5, rate=rate)
     ask = run.station.device.answer
 
@@ -303,7 +305,9 @@ def test_a_station_that_knows_no_signal_ends_the_run(rate: str | None) -> None:
 def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(
     family: str, fits: bool
 ) -> None:
-    """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one of twelve in a run takes."""
+    """Manual 003, 11.1: 0 to 250 ms. If one answer in twelve is slow at the start, so is one in
+    twelve in the run.
+    """
     recipe = (
         RECIPE
         if family == "dde"

@@ -1,5 +1,5 @@
-"""The recipe on the station: each setting written where it differs, read back, and a row of
-`settings` for it.
+"""The recipe on the station: each setting that differs is written and read back, and has a row in
+`settings`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))
 
 
 def rows(run: VirtualRun, setting: str, port: int | None = 1) -> list[SettingRow]:
-    """What came of a setting: of one that was written there is a row of what it was before, too,
-    and of each lost write.
-    """
+    """Return the rows of a setting, but not those of its earlier value and of lost writes."""
     found = [
         row
         for row in run.memory.settings
@@ -38,14 +36,14 @@ def outcome(run: VirtualRun, setting: str, port: int | None = 1) -> str:
 
 
 def moment_of(question: str) -> float:
-    """The second at which an undisturbed run sends that question, counted as faults are."""
+    """Return the second at which an undisturbed run sends that question, counted as for faults."""
     run = prepare(duration_s=1).go()
     return round(next(one.at for one in run.heard if one.text == question) - run.heard[0].at, 4)
 
 
 def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
-    """The station's run was refused in so many words, nothing was sampled, and what was touched is
-    safe.
+    """The run was refused with these words, nothing was sampled, and every tool that was written to
+    is safe.
     """
     assert run.facts.outcome == "refused"
     assert run.memory.samples == []
@@ -137,7 +135,7 @@ def test_values_of_one_port() -> None:
 
 
 def test_heat_is_asked_for_last() -> None:
-    """Whatever fails before leaves the tool no worse than it was."""
+    """A failure before that leaves the tool no worse than it was."""
     sim = "settings = {selected_temperature = 100, sleep_delay = 9, hibernation_delay = 60}"
     run = prepare(line_text(sim, "ports = [1]"), duration_s=1).go()
     names = [write.name for write in run.station.log.writes]
@@ -162,7 +160,7 @@ def test_a_setting_that_the_station_does_not_know_is_unsupported_and_stops_nothi
 
 
 def clamped(run: VirtualRun) -> None:
-    """A station that acknowledges a limit of 380 and keeps 375."""
+    """Let the station acknowledge a limit of 380 and keep 375."""
     asked = run.station.device.answer
 
     def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
@@ -211,7 +209,7 @@ def test_a_refusal_stops_the_run(code: int) -> None:
 
 
 def test_a_setting_that_is_told_and_not_taken_is_refused_and_stops_the_run() -> None:
-    """It answered the question, so it knows the setting: going on would heat at the old value."""
+    """It answers the read, so it has the setting: without a stop it would heat at the old value."""
     sim = "settings = {selected_temperature = 400}" + fault(
         "nak", code=4, command="selected_temperature", only="write"
     )
@@ -283,7 +281,7 @@ def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> 
 
 
 def lose(run: VirtualRun, code: str, times: int) -> None:
-    """Let the first `times` writes of `code` never reach the station."""
+    """Lose the first `times` writes of `code` on the way to the station."""
     (tap,) = run.taps.values()
     through, left = tap.receive, [times]
 
@@ -346,7 +344,9 @@ def test_a_write_that_is_always_lost_stops_the_run_and_says_how_often_it_was_tri
 def test_what_heats_is_written_again_only_where_two_answers_say_that_the_old_value_stands(
     code: str,
 ) -> None:
-    """Its acknowledgement is lost and it cannot be read back: whether it was done is not known."""
+    """Its acknowledgement is lost and it cannot be read back, so it is not known whether it was
+    done.
+    """
     run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=5)
     (tap,) = run.taps.values()
     through, written = tap.receive, []
@@ -401,7 +401,7 @@ def test_nothing_is_written_again_once_the_run_is_to_end() -> None:
 
 
 def moment_of_loss() -> float:
-    """The second at which a run sends the setpoint, where it stands at 300 °C."""
+    """Return the second at which a run sends the setpoint to a station at 300 °C."""
     run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=1).go()
     return next(one.at for one in run.heard if one.text == "WST100350") - run.t0
 
@@ -410,7 +410,7 @@ def moment_of_loss() -> float:
     "command", ["software_version", "tool", "plugged_hours", "alarm_low_limit", "status"]
 )
 def test_a_station_that_says_nothing_for_a_moment_is_asked_again(command: str) -> None:
-    """Longer than the client's own repeats and probes take."""
+    """It is silent for longer than the client's own repeats and probes take."""
     run = prepare(duration_s=1)
     (tap,) = run.taps.values()
     (context,) = run.contexts.values()
@@ -461,7 +461,9 @@ def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
 
 
 def test_robot_mode_that_only_a_write_shows_to_be_off_is_said_with_what_to_do() -> None:
-    """N 00005 to a write where every read is answered: nothing has shown it before."""
+    """The station answers a write with N 00005 and still answers every read, so nothing showed it
+    earlier.
+    """
     run = prepare(line_text(fault("nak", only="write", code=5)), duration_s=5).go()
     assert run.facts.outcome == "refused"
     words = (
@@ -567,7 +569,7 @@ def test_delays_that_are_off_may_be_allowed_and_are_told() -> None:
 def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(
     command: str, name: str, family: str
 ) -> None:
-    """Whatever the recipe asks for it: it is not written where it cannot be read."""
+    """Whatever the recipe requires: a delay that cannot be read is not written."""
     line = line_text(fault("nak", code=4, command=command)).replace('"dde"', f'"{family}"')
     run = prepare(line, duration_s=1).go()
     assert run.facts.outcome == "refused"
@@ -602,7 +604,7 @@ def test_a_port_without_a_tool_is_recorded_and_never_put_to_work() -> None:
 
 
 def test_settings_of_a_tool_go_to_the_tool_that_is_there() -> None:
-    """Adjust, sleep and hibernation belong to the tool connected at the start."""
+    """Adjust, sleep and hibernation belong to the tool that is connected at the start."""
     sim = "tools = {1 = 3}\nsettings = {sleep_delay = 1}"
     run = prepare(line_text(sim, "ports = [1]"), duration_s=1).go()
     assert {(write.port, write.tool) for write in run.station.log.written("sleep_delay")} == {
@@ -645,7 +647,7 @@ def test_a_new_tool_that_would_not_cool_goes_to_the_safe_state() -> None:
 
 
 def test_a_new_tool_whose_delay_is_not_known_goes_to_the_safe_state() -> None:
-    """The delay of the tool before it is not its own."""
+    """The delay of the previous tool is not that of the new one."""
     sim = fault("tool", port=1, code=3, at_s=4)
     run = prepare(line_text(sim), RECIPE + 'on_difference = "continue"\n', duration_s=20)
     ask = run.station.device.answer
@@ -661,8 +663,8 @@ def test_a_new_tool_whose_delay_is_not_known_goes_to_the_safe_state() -> None:
 
 
 def test_no_other_command_is_ever_written() -> None:
-    """Faults.md 9.5: the writes that `run` can send are a fixed list, and none of the dangerous
-    ones is on it.
+    """docs/reference/faults.md, S-5: the writes of `run` are a fixed list without any dangerous
+    one.
     """
     recipe = RECIPE.replace("select_c = 350", "select_c = 300\nadjust_c = -3").replace(
         "[sleep]\n", "[sleep]\ntemperature_c = 200\n"
@@ -699,7 +701,7 @@ def test_no_other_command_is_ever_written() -> None:
 
 
 def test_a_tool_whose_number_no_command_can_carry_is_recorded_as_that_number() -> None:
-    """Whoever speaks to a tool has one character for its number (002, W-Axy)."""
+    """A command has one character for the number of a tool (manual 002, W-Axy)."""
     run = prepare(recipe=RECIPE + "\nallow_no_cooldown = true\n", duration_s=12)
     say(run, "CT1", "00012", 0, times=1000)
     run.go()

@@ -1,5 +1,5 @@
-"""Any trouble in the field becomes a test: a run that was recorded with its wires is lived through
-again, to the same rows.
+"""Any trouble in the field becomes a test: a run with its serial capture is replayed and gives the
+same rows.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ TROUBLE = {
 
 
 def assert_same(first: Memory, again: Memory) -> None:
-    """Every row is the same, with its times, and so is what is known of each station."""
+    """All rows are the same, with their times, and so are the facts of each station."""
     assert again.samples == first.samples
     assert again.events == first.events
     assert again.settings == first.settings
@@ -104,7 +104,7 @@ def of_station(memory: Memory, name: str) -> Memory:
 
 
 def test_each_station_of_a_line(tmp_path: Path) -> None:
-    """What two of them do at the very same moment has no order."""
+    """Actions of two stations at the same moment have no order."""
     second = line_text(TROUBLE["an outage"]).replace("dde-1", "dde-2").partition("[[station]]")[2]
     run = recorded(
         tmp_path / "run", line_text(TROUBLE["an outage"]) + "[[station]]" + second, duration_s=8
@@ -119,7 +119,7 @@ def test_each_station_of_a_line(tmp_path: Path) -> None:
 
 
 def ask_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program that measures the turnaround with two reads less."""
+    """Measure the response time with two reads less."""
     monkeypatch.setattr(timing, "READS", timing.READS - 2)
     monkeypatch.setattr(timing, "LEAST_READS", timing.LEAST_READS - 2)
     monkeypatch.setattr(identify, "LEAST_ANSWERED", identify.LEAST_ANSWERED - 2)
@@ -132,8 +132,8 @@ def values(memory: Memory, column: str, port: int = 1) -> list[object]:
 def test_a_program_that_asks_something_else_goes_on_with_the_tape_as_its_station(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It asks less at the start, so all comes a little earlier; the values of each signal are the
-    same, in the same order.
+    """It asks less at the start, so everything comes a little earlier; the values of each signal
+    are the same, in the same order.
     """
     run = recorded(tmp_path / "run", line_text(TROUBLE["corrupt frames"]), duration_s=10)
     ask_less(monkeypatch)
@@ -209,7 +209,9 @@ def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(
 
 
 def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
-    """A new field of the order must be kept in the wire's head, and handed on by `plan_of`."""
+    """A new field of the order must be stored in the head of the capture, and passed on by
+    `plan_of`.
+    """
     of_line = {
         "name",
         "family",

@@ -1,16 +1,15 @@
-"""A recording with one wrong answer that passes its check byte and that its session rightly asked a
-second time, served again.
+"""A recording with one wrong answer that passed its check byte, and that its session asked for
+again, served again.
 
-The replay says what the recording says: the wrong answer is never given without the one that
-contradicts it, and an extra question gets what was believed. Over what is asked in slow turns and
-on each tick, at 1, 3 and 10 times the pace, with late answers on the tape and a host that stands
-still now and then.
+The replay gives the same result: the wrong answer never comes without the one that contradicts it,
+and an extra question gets the confirmed value. This is tried for slow readings and for readings of
+each tick, at 1, 3 and 10 times the speed, with late answers on the tape and a host that is
+sometimes suspended.
 
-The events are the same, each kind as often. Where the host stands still or time goes ten times as
-fast, a slow turn may fall out, and with it the mark `read.doubted` of the answer that was wrong in
-it: that alone may be missing, and nothing may be new. Alarm flags are not compared where every 13th
-answer was late at ten times the pace: their turn may come so much earlier that they do not count
-yet.
+The events are the same, as many of each kind. If the host is suspended, or at ten times the speed,
+a slow reading may be skipped, and with it the mark `read.doubted` of its wrong answer: only that
+event may be missing, and none may be new. Alarm flags are not compared if every 13th answer was
+late and the speed is ten: they may be read so much earlier that they do not count yet.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def recording(
     place: Path, code: str, answers: str, recipe: str = GOES_ON, moment: float = 5.0
 ) -> tuple[Path, Memory]:
-    """A run in which one answer to a question was wrong."""
+    """Return a run with one wrong answer."""
 
     def arrange(run: VirtualRun) -> None:
         if code == TOOL:

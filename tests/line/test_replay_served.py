@@ -1,21 +1,19 @@
-"""A recorded run served as virtual stations and recorded again: decoded tables are equal, by
-sessions that know nothing of it.
+"""A recorded run served as virtual stations and recorded again, by sessions that do not know it:
+the decoded tables are equal.
 
-On a virtual clock, where a host's haste is a number: each answer comes up to so much before or
-after its moment. On a real host that is some tenths of a millisecond, and a replay so many times as
-fast has so many times that.
+On a virtual clock, where the host's delay is a number: each answer comes up to that much before or
+after its time. A real host has some tenths of a millisecond, and a replay at several times the
+speed has that many times more. What is compared, and what may differ:
 
-What is compared, and what may differ:
-
-- settings, counters, kinds of events and the tools' safe state: all the same; ten times as fast
-  without the events of single slow readings (alarm flags, readings that failed), of which the last
-  may fall behind the end;
-- samples: as many rows; of fast signals and qualities each row the same, but for the share
-  `MAY_DIFFER` where answers came corrupt, late or not at all, for a slow reading that is lost takes
-  the time of the fast ones after it;
-- slow signals: the same readings in the same order, in whichever rows; the last may fall behind the
+- settings, counters, kinds of events and the tools' safe state: all the same; at ten times the
+  speed, events of single slow readings (alarm flags, failed readings) are left out, because the
+  last one may come after the end;
+- samples: as many rows; each row has the same fast signals and quality, but for the share
+  `MAY_DIFFER` if answers were corrupt, late or missing, because a lost slow reading takes the time
+  of the fast ones after it;
+- slow signals: the same readings in the same order, in any rows; the last one may come after the
   end;
-- moments, lateness and scan times: not compared.
+- times, lateness and scan times: not compared.
 """
 
 from __future__ import annotations
@@ -71,7 +69,7 @@ def cells(memory: Memory, station: str, column: str) -> list[object]:
 
 
 def assert_same(first: Memory, again: Memory, speed: int, may_differ: float = 0.0) -> None:
-    """The tables are the same, as far as the head of this file says."""
+    """The tables are the same, as the docstring of this file defines it."""
     assert again.stations.keys() == first.stations.keys()
     for name, facts in first.stations.items():
         assert (again.stations[name].outcome, again.stations[name].safe_state) == (
@@ -118,7 +116,7 @@ def share_of_others(ours: Sequence[object], theirs: Sequence[object]) -> float:
 
 
 def assert_same_order(ours: Sequence[object], theirs: Sequence[object]) -> None:
-    """The same changes from one value to the next, but for the last."""
+    """The values change in the same order; the last change may be missing."""
     mine, others = changes(ours), changes(theirs)
     assert abs(len(mine) - len(others)) <= 1
     assert mine[: len(others)] == others[: len(mine)]
@@ -190,7 +188,7 @@ def test_trouble(recorded: Recorded, trouble: str, speed: int) -> None:
 
 
 class Twice:
-    """A station that says every seventh answer twice."""
+    """A station that sends every seventh answer twice."""
 
     def __init__(self, station: VirtualStation) -> None:
         self._station = station
@@ -230,7 +228,7 @@ GOES_ON = f'{RECIPE}on_difference = "continue"\n'
 
 
 def turn_down(run: VirtualRun) -> None:
-    """The operator chooses another temperature at the station's panel."""
+    """The operator selects another temperature at the station's panel."""
     run.at(6.0, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
 
 
@@ -249,8 +247,8 @@ def test_a_change_at_the_panel_is_found_once_and_no_other(recorded: Recorded, sp
 def test_who_asks_longer_is_not_answered_from_behind_the_order_that_ended_the_run(
     tmp_path: Path, longer_s: float
 ) -> None:
-    """The tool's state was read, then came the order to sleep: read once more it is what it was
-    before that order.
+    """The tool's state was read, then ordered to sleep. A further read gives the state before that
+    order.
     """
     first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=5.0)
     again, stations = recorded_again(tmp_path / "run", longer_s=longer_s)
@@ -265,7 +263,7 @@ def test_who_asks_longer_is_not_answered_from_behind_the_order_that_ended_the_ru
 def test_a_host_that_stands_still_costs_the_ticks_at_that_moment_and_none_after_them(
     tmp_path: Path,
 ) -> None:
-    """A tick that comes late, or that waits itself, gets the value of the time that it comes at."""
+    """A tick that comes late, or waits itself, gets the value of the time when it comes."""
     first = kept(
         tmp_path / "run", line_text("noise_c = 0.5", "ports = [1]"), duration_s=SECONDS, rate=10.0
     )

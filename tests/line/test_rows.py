@@ -1,4 +1,4 @@
-"""What stands in the rows, against what the wire carried and what the plant did."""
+"""The values in the rows, compared with the bytes on the serial line and with the plant."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def of_family(family: str, sim: str = "", keys: str = "", **more: object) -> Vir
 
 
 def cells(run: VirtualRun, column: str, port: int = 1) -> set[object]:
-    """The values of a column, nulls aside."""
+    """Return the values of a column without nulls."""
     return set(run.memory.column(column, port)) - {None}
 
 
 def answered_otherwise(
     run: VirtualRun, code: str, data: str, begin_s: float, end_s: float, times: int = 1_000_000
 ) -> None:
-    """Let the station say something else to a question for a while, or so many times."""
+    """Change the station's answer to a question for a while, or for a number of times."""
     asked, left = run.station.device.answer, iter(range(times))
 
     def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
@@ -188,8 +188,8 @@ def test_a_temperature_that_cannot_be_is_null_and_implausible() -> None:
     [("TT1", "00420"), ("TT1", "04711"), ("PS1", "00001"), ("ST1", "00300"), ("CT1", "00003")],
 )
 def test_one_doubtful_answer_is_asked_again_and_does_nothing(code: str, data: str) -> None:
-    """Two flipped bits pass the check byte once in eleven times; a run is not stopped, nor a value
-    kept, on one answer.
+    """Two flipped bits pass the check byte once in eleven times. One answer neither stops a run nor
+    gives a value.
     """
     run = prepare(line_text("joints_per_minute = 0", "ports = [1]"), duration_s=20)
     answered_otherwise(run, code, data, 10, 20, times=1)
@@ -202,7 +202,7 @@ def test_one_doubtful_answer_is_asked_again_and_does_nothing(code: str, data: st
 
 
 def test_a_jump_that_stays_is_believed() -> None:
-    """A tool that was exchanged for a cold one."""
+    """The tool was exchanged for a cold one."""
     run = prepare(
         line_text("" + fault("tool", port=1, code=3, at_s=10), "ports = [1]"), duration_s=15
     ).go()

@@ -1,5 +1,5 @@
-"""Whatever ends a run, what it touched is in its safe state, told from the station's own log of the
-wire.
+"""However a run ends, each tool that it touched is in its safe state, by the station's own log of
+the serial line.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ def ale_line(sim: str = "") -> str:
 
 
 def orders(run: VirtualRun, port: int) -> list[object]:
-    """The status words that the station accepted for `port`, in order."""
+    """Return the status words that the station accepted for `port`, in order."""
     return [write.value for write in run.station.log.written("status") if write.port == port]
 
 
 def touched(run: VirtualRun) -> set[int]:
-    """The ports that anything was written to, as the station saw it."""
+    """Return the ports that were written to, by the station's log."""
     return {write.port for write in run.station.log.writes if write.port}
 
 
 def may_be_hot(run: VirtualRun) -> bool:
-    """Whether the third step of the start had begun: before it nothing is written that heats, not
+    """Whether the third step of the start had begun. Before it, nothing that heats is written, not
     even to make a tool safe.
     """
     return max(context.step for context in run.contexts.values()) > 2
@@ -81,7 +81,7 @@ def test_at_the_end_of_its_duration() -> None:
 @pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("family", ["dde", "ale"])
 def test_ended_at_any_moment(family: str, every: int) -> None:
-    """From the first byte over the writes, the sampling, and the making safe itself."""
+    """From the first byte, through writes, sampling and making safe."""
     for step in range(0, 130, every):
         line, recipe = (ale_line(), ALE_RECIPE) if family == "ale" else (line_text(), RECIPE)
         run = prepare(line, recipe, duration_s=1.5)
@@ -95,8 +95,8 @@ def test_ended_at_any_moment(family: str, every: int) -> None:
 @pytest.mark.parametrize("away_s", [1.1, 4.0], ids=["starting", "at work"])
 @pytest.mark.parametrize("after_s", [0.1 + 0.05 * step for step in range(8)])
 def test_ended_during_an_outage_that_passes(away_s: float, after_s: float) -> None:
-    """The cable comes back within the three seconds that are allowed. Whether a tool rests may not
-    be learnt in time.
+    """The cable is back within the three seconds that are allowed. Whether a tool is at rest may
+    not be known in time.
     """
     run = prepare(line_text(fault("dropout", at_s=away_s, for_s=2.0)), duration_s=60)
     run.at(away_s + after_s, lambda: run.driver.end("SIGINT"))
@@ -108,8 +108,8 @@ def test_ended_during_an_outage_that_passes(away_s: float, after_s: float) -> No
 @pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", ["silence", "dropout", "nak"])
 def test_ended_in_the_moment_in_which_it_goes_away(kind: str, every: int) -> None:
-    """The end is told once: neither a question that is never answered nor the search for the
-    station swallows it.
+    """The signal comes once. Neither an unanswered question nor the search for the station may lose
+    it.
     """
     keys = {"silence": {"for_s": 1.5}, "dropout": {"for_s": 1.5}, "nak": {"for_s": 1.5, "code": 5}}[
         kind
@@ -124,7 +124,7 @@ def test_ended_in_the_moment_in_which_it_goes_away(kind: str, every: int) -> Non
 
 
 def test_a_line_on_which_much_is_asked_again_holds_up_no_safe_state() -> None:
-    """The tick in which the run is ended is finished first, if that is soon."""
+    """The tick during which the run is ended is completed first, if that is soon."""
     bad = "".join(fault("silence", command=name, at_s=4) for name in ("tip_temperature", "power"))
     for step in range(20):
         run = prepare(line_text(bad), duration_s=None)
@@ -145,7 +145,7 @@ def test_a_setting_found_changed_stops_the_run() -> None:
 
 @pytest.mark.parametrize("at_s", [0.0, 0.3, 0.6, 0.9, 1.0, 1.1, 5.0])
 def test_a_run_that_is_refused_half_way(at_s: float) -> None:
-    """The station refuses everything but a status from some moment on, for a while."""
+    """From some moment on, the station refuses one setting for a while."""
     run = prepare(
         line_text(fault("nak", code=3, command="alarm_low_limit", at_s=at_s, for_s=1.0)),
         duration_s=5,
@@ -155,7 +155,7 @@ def test_a_run_that_is_refused_half_way(at_s: float) -> None:
 
 @pytest.mark.parametrize("reading", [0, 1, 7, 50])
 def test_a_fault_of_this_program(monkeypatch: pytest.MonkeyPatch, reading: int) -> None:
-    """An exception that nobody expected, at some reading."""
+    """An unexpected exception at one of the readings."""
     count = iter(range(10_000))
 
     def broken_fill(read: ScheduledRead, context: SessionContext) -> Fill:
@@ -177,7 +177,7 @@ def test_a_fault_of_this_program(monkeypatch: pytest.MonkeyPatch, reading: int) 
 
 
 class BrokenJournal(Memory):
-    """A journal that fails from its n-th row on."""
+    """A journal that fails after `after` rows."""
 
     def __init__(self, after: int) -> None:
         super().__init__()
@@ -211,8 +211,8 @@ def test_a_record_that_cannot_be_kept(after: int) -> None:
 def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Memory is refused once, say: the tools rest, and what is read and told after that is in the
-    record, too.
+    """For example, memory is refused once: the tools are made safe, and the record also has all
+    readings and events after that.
     """
     real, refused = session_run.make_safe, list[str]()
 
@@ -232,7 +232,7 @@ def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(
 
 
 def test_what_was_not_touched_is_not_written_to() -> None:
-    """A port without a tool that has nothing to be set: `run` writes to the other one only."""
+    """A port has no tool and no settings to write: `run` writes only to the other one."""
     run = prepare(
         line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=3
     ).go()
@@ -249,7 +249,7 @@ def test_a_run_that_only_looks_writes_nothing() -> None:
 
 
 def test_the_feeder_is_stopped_before_anything_else() -> None:
-    """On ale W-STP comes first, whenever its tool may be at work."""
+    """On ale, W-STP comes first whenever its tool may be at work."""
     run = prepare(ale_line(), ALE_RECIPE, duration_s=5)
     run.at(3, lambda: run.station.plant.feeder.start(run.driver.clock.monotonic()))
     run.go()
@@ -353,7 +353,7 @@ def test_four_tools_of_which_one_heats_on() -> None:
 
 
 def test_a_delay_that_is_off_is_no_less_refused_than_with_stand() -> None:
-    """Stand is what follows where the extractor state does not cool."""
+    """If the extractor state does not cool, stand follows."""
     sim = "settings = {sleep_delay = 'off', hibernation_delay = 30}"
     recipe = RECIPE.replace("[sleep]\ndelay_min = 5\n", "") + 'safe_state = "extractor"\n'
     recipe = recipe.replace('families = ["soldering", ', "families = [")
@@ -393,7 +393,7 @@ def test_an_unreachable_tool_is_named_with_its_last_temperature(sim: str) -> Non
 
 @pytest.mark.parametrize("by_s", [0.3, 0.5, 0.9])
 def test_a_station_that_takes_its_time_to_store_is_not_given_up(by_s: float) -> None:
-    """Its reads are quick; nothing prints how long an acknowledgement takes
+    """Its reads are fast; no manual prints the time of an acknowledgement
     (docs/reference/contradictions.md, B-13).
     """
     run = prepare(line_text(fault("late", only="write", by_s=by_s)), duration_s=3).go()
@@ -403,8 +403,8 @@ def test_a_station_that_takes_its_time_to_store_is_not_given_up(by_s: float) -> 
 
 
 def test_three_tries_within_seconds() -> None:
-    """Three seconds for a station, and at least one try for each of its tools; what is not
-    acknowledged is ordered up to three times more when the time is over.
+    """A station has three seconds, and each of its tools at least one try. An order without an
+    acknowledgement is repeated up to three times after that.
     """
     run = prepare(line_text(fault("silence", at_s=5)), duration_s=60)
     run.at(6, lambda: run.driver.end("SIGTERM"))
@@ -426,8 +426,8 @@ def test_no_tool_waits_for_the_tries_of_another() -> None:
 
 
 def test_a_stranger_on_the_cable_is_not_written_to() -> None:
-    """What came back is another model: its 00001 may mean anything (on hot air it switches the heat
-    on).
+    """Another model is on the cable after the outage: its 00001 may mean anything (on hot air it
+    switches the heater on).
     """
     run = prepare(line_text(fault("dropout", at_s=4, for_s=3)), duration_s=12)
     run.at(5, lambda: setattr(run.station.device.identity, "model", "JTSE"))
@@ -450,7 +450,9 @@ JTSE = line_text("tool = 1").replace("dde", "jtse")
 
 
 def exchange(run: VirtualRun, text: str, at_s: float) -> None:
-    """Put the cable into the station that `text` describes between two questions: no link lost."""
+    """Move the cable to the station that `text` describes, between two questions, without losing
+    the link.
+    """
     (other,) = parse_line(text, Path("line.toml")).stations
 
     def exchanged() -> None:
@@ -472,8 +474,8 @@ def exchange(run: VirtualRun, text: str, at_s: float) -> None:
 def test_a_stranger_on_a_standing_link_is_not_written_to(
     text: str, said: str, way_out: str
 ) -> None:
-    """00001 puts a soldering tool to rest and switches hot air on. Nothing broke since the last
-    reading of the counters.
+    """00001 sets a soldering tool to stand and switches hot air on. The link was not lost since the
+    last reading of the counters.
     """
     run = prepare(duration_s=12 if way_out == "end" else 60)
     exchange(run, text, at_s=9)
@@ -493,8 +495,8 @@ def test_a_stranger_on_a_standing_link_is_not_written_to(
 
 @pytest.mark.parametrize("answer", ["silence", "N 1", "N 2", "damage"])
 def test_the_look_at_the_model_delays_the_safe_order_by_a_moment_at_most(answer: str) -> None:
-    """Only another answer is a sign of another station: whatever else comes, a hot tool gets its
-    order.
+    """Only another model in the answer shows another station; after any other answer, a hot tool
+    gets its order.
     """
     run = prepare(duration_s=60)
     ask, ended = run.station.device.answer, run.t0 + 13

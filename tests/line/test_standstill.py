@@ -1,5 +1,5 @@
-"""A host that stood still and a station that takes its time make the same ticks late; only the
-first is told as such.
+"""A suspended host and a slow station make the same ticks late; only the first is reported as a
+suspended host.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def skipped(run: VirtualRun) -> int:
 
 
 def test_a_station_that_takes_its_time_is_no_host_that_stood_still() -> None:
-    """Every other question goes unanswered and is asked again: a tick of four ports lasts many
+    """Every other question has no answer and is repeated, so a tick of four ports takes many
     seconds.
     """
     line = (
@@ -126,7 +126,7 @@ def test_a_host_with_time_tells_nothing() -> None:
 
 
 def test_what_the_station_made_late_is_not_the_hosts() -> None:
-    """It does not answer every other question: its ticks are late, and the host never was."""
+    """It leaves questions unanswered: its ticks are late, and the host never is."""
     run = prepare(
         line_text('[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 40\nevery = 20\n'),
         duration_s=60,
@@ -163,8 +163,8 @@ def test_each_has_its_own_share() -> None:
 
 
 def test_each_is_told_with_its_own_delay() -> None:
-    """A tick that the station makes seconds late is no delay of the computer, which only stood
-    still for a moment meanwhile.
+    """A tick that the station delays by seconds does not count as a delay of the computer, which
+    was suspended only briefly.
     """
     fault = '[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 20\nevery = 2\n'
     run = prepare(line_text(fault), duration_s=60)
@@ -182,7 +182,7 @@ def test_each_is_told_with_its_own_delay() -> None:
 
 
 def test_the_delay_of_skipped_ticks_is_the_part_that_was_given_and_the_greatest() -> None:
-    """Not the time since the tick was due, of which the other has its part."""
+    """Not the time since the tick was due, which contains the delay of the other side."""
     late = SkippedTicks()
     late.add(3, 10.0, 0.2, 10.5)
     late.add(1, 20.0, 0.15, 20.3)
@@ -207,8 +207,8 @@ def steps() -> Steps[str]:
 
 
 def watched(*heard: tuple[float, bytes, float] | None) -> Standstill:
-    """What is noted where the wishes came back like that: moment, bytes, by how much the driver was
-    late. They begin at 100 s.
+    """Return what is measured if requests end like that: time, bytes, delay of the driver. The
+    first begins at 100 s.
 
     None: the link breaks there.
     """
@@ -232,7 +232,7 @@ def later() -> Steps[None]:
 
 
 def spans(*moments: float) -> list[tuple[float, float]]:
-    """Where the host stood still if the wishes came back at these moments."""
+    """Return when the host was suspended if the requests ended at these times."""
     return [
         (round(begin, 3), round(end, 3))
         for begin, end in watched(*((moment, b"", 0.0) for moment in moments)).spans

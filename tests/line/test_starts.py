@@ -1,8 +1,8 @@
-"""Starts of eight stations on bad wires: a lost frame refuses no run, and no value is wrong.
+"""Starts of eight stations on bad serial lines: a lost frame refuses no run, and no value is wrong.
 
-Each frame has the same chance of each of nine accidents (`lossy_wire`). At 1 % of each, 9 % of all
-frames are disturbed, and no start may be refused; at 5 % of each, 45 %, a start may fail, and must
-say at which setting or reading and after how many tries.
+Each frame meets each of nine faults with the same probability (`lossy_wire`). At 1 % for each, 9 %
+of all frames are disturbed, and no start may be refused. At 5 % for each, 45 % are disturbed; a
+start may then fail, and must state at which setting or reading and after how many tries.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ IN_STATION = (
 
 
 def started(number: int, share: float) -> tuple[VirtualRun, list[LossyWire]]:
-    """One start of eight stations, each on a wire of its own, and a second of sampling."""
+    """Run one start of eight stations, each on its own serial line, and a second of sampling."""
     wires: list[LossyWire] = []
 
     def behind_wire(
@@ -79,7 +79,9 @@ def started(number: int, share: float) -> tuple[VirtualRun, list[LossyWire]]:
 
 
 def wrong_values(run: VirtualRun) -> Iterator[str]:
-    """What the record says that a station held or was told, and it was not so."""
+    """Yield each value that the record gives wrongly as held by a station, and each wrong value
+    that was written to one.
+    """
     for row in run.memory.settings:
         if row.outcome in ("confirmed", "unchanged") and row.setting != "status":
             yield from _wrong(run, row)
@@ -105,7 +107,7 @@ def _wrong(run: VirtualRun, row: SettingRow) -> Iterator[str]:
 
 
 def is_working(run: VirtualRun, name: str) -> bool:
-    """Whether the station itself was told to work and its record says that it read that back."""
+    """Whether the station was ordered to work, and its record has the order as confirmed."""
     station = run.stations[name]
     assert isinstance(station, VirtualStation)
     rows = [
@@ -117,7 +119,7 @@ def is_working(run: VirtualRun, name: str) -> bool:
 
 
 def refused(run: VirtualRun) -> dict[str, str]:
-    """The stations that did not come to sample, with the reason."""
+    """Return the stations that did not start sampling, with the reason."""
     return {
         name: context.facts.reason
         for name, context in run.contexts.items()
@@ -126,8 +128,8 @@ def refused(run: VirtualRun) -> dict[str, str]:
 
 
 def failed(run: VirtualRun) -> dict[str, str]:
-    """Those of them that failed themselves; the others were ready, and did not start because of
-    these.
+    """Return the stations of `refused` that failed themselves; the others were ready, and did not
+    start because of these.
     """
     return {
         name: why

@@ -1,7 +1,7 @@
-"""The stations of a run start together: read and check, write what cannot heat, heat; one that
-fails in a step stops all.
+"""The stations of a run start together: first they read and check, then they write what cannot
+heat, then they heat. A failure in a step stops all.
 
-What was written is seen on the stations' own side of the wire.
+The stations' side of the serial lines shows what was written.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ Deaf = Callable[[bytes, float], bool]
 
 @dataclass
 class Cable:
-    """A cable that lets nothing through, or gives up, from the moment on at which `is_deaf` says so
-    of a question.
+    """A cable that loses everything, or is pulled, from the first question for which `is_deaf` is
+    true.
     """
 
     tap: Tap
@@ -70,7 +70,7 @@ def never(_data: bytes, _now: float) -> bool:
 
 
 def line_of(sims: dict[str, str]) -> str:
-    """Three stations, of which "b" has what is to be tried; they take different times."""
+    """Return a line of three stations with different response times; "b" is the one under test."""
     line = '[line]\nname = "bench"\n'
     for place, name in enumerate(NAMES):
         line += STATION.format(name=name, turnaround_ms=1.0 + 4 * place, sim=sims.get(name, ""))
@@ -78,7 +78,7 @@ def line_of(sims: dict[str, str]) -> str:
 
 
 def start_with(sim: str, also: str) -> VirtualRun:
-    """A run that has not begun, with these of "b" and "c"."""
+    """Return a run that has not begun, with these simulations of "b" and "c"."""
     return prepare(line_of({"b": sim, "c": also}), RECIPE, 2.0, 2.0)
 
 
@@ -117,7 +117,7 @@ def writes(run: VirtualRun, name: str) -> list[str]:
 
 
 def heated(run: VirtualRun) -> list[str]:
-    """Every write that can heat, of any station."""
+    """Return every write to any station that can heat."""
     return [text for name in NAMES for text in writes(run, name) if text.startswith(HEATS)]
 
 
@@ -150,8 +150,8 @@ def assert_all_touched_are_safe(run: VirtualRun) -> None:
 
 
 def assert_is_not_started(run: VirtualRun, step: int) -> None:
-    """The others were fine and say whose fault it is; nobody sampled; the run ends with 3 and names
-    the station.
+    """The others were ready and name the station at fault; nothing was sampled; the run ends with
+    exit code 3, or 5 if a tool of that station is not safe.
     """
     assert run.memory.samples == []
     for name in ("a", "c"):
@@ -264,7 +264,7 @@ def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(
 
 @pytest.mark.parametrize("state", ["extractor", "sleep", "working", "held hot"])
 def test_a_tool_that_rests_when_step_two_fails_is_not_told_to_stand(state: str) -> None:
-    """One at work is told, and so is one that its extractor does not cool."""
+    """A working tool gets the order, and so does one that does not cool in the extractor state."""
     run = start_with(
         nak("alarm_high_limit"), "extractor_cools = false" if state == "held hot" else ""
     )
@@ -303,7 +303,7 @@ def test_one_that_fails_in_step_three_puts_all_touched_tools_in_their_safe_state
 
 
 def test_in_step_three_nobody_who_heats_waits_for_one_that_is_slow_to_fail() -> None:
-    """A tool that is hot already is told to rest as soon as any station fails."""
+    """A tool that is already hot is ordered to stand as soon as any station fails."""
     run = run_with(sim=nak("selected_temperature"))
     failed = next(event.time for event in run.memory.of_kind("station.refused")) / 1e6
     for name in ("a", "c"):
@@ -334,7 +334,9 @@ def test_a_station_that_is_silent_is_left_out_where_that_is_allowed() -> None:
 
 
 def hung(*, allow_missing: bool) -> VirtualRun:
-    """A run of which one session says nothing for a minute: its driver hangs opening the port."""
+    """Run with one session that is silent for a minute, because its driver hangs while it opens the
+    port.
+    """
 
     def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
         from jbclog.core.io_requests import RunEnded, Wait
@@ -370,7 +372,7 @@ def hung(*, allow_missing: bool) -> VirtualRun:
 
 
 def test_a_slow_station_is_waited_for_as_long_as_it_answers() -> None:
-    """At 1200 baud reading everything takes longer than a silent station is given."""
+    """At 1200 baud, reading everything takes longer than the time limit of a silent station."""
     line = (
         line_of({})
         .replace('url = "b"', 'url = "b"\nbaudrate = 1200')

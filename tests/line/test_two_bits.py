@@ -1,8 +1,7 @@
-"""Flipped bits: one is always seen, two are not where they hide from an XOR. What then passes is
+"""Flipped bits: one is always noticed, two are not if an XOR hides them. What then passes is
 counted, and decides nothing.
 
-The check byte is the XOR of a frame: a bit that is turned over in two characters at the same place
-leaves it as it was.
+The check byte is the XOR of a frame: the same bit flipped in two characters leaves it unchanged.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ def test_no_single_flipped_bit_is_taken(golden: Golden) -> None:
 
 
 class Kind(NamedTuple):
-    """An answer as the decision record names it."""
+    """An answer, by its name in the decision record."""
 
     name: str
     where: str
@@ -90,7 +89,7 @@ def passing(golden: Golden) -> list[tuple[bytes, Value]]:
 
 
 def published() -> dict[str, int]:
-    """The numbers in the record's sentence, by the names that it uses."""
+    """Return the numbers in the sentence of the decision record, by the names there."""
     sentence = re.search(r"of the 8128 that flip two,([^.]*)", RECORD)
     assert sentence, "the record no longer says how many corruptions of two bits pass"
     return {
@@ -136,8 +135,8 @@ OMEGA_ANSWERS = [golden for golden in manual_003.BY_HAND if golden.text in OMEGA
 def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(
     golden: manual_003.OmegaGolden,
 ) -> None:
-    """A pair passes where what one bit takes from the sum, the other gives: a digit of the text,
-    and one of the sum.
+    """A pair passes if one bit changes a digit of the text and the other changes the sum by as
+    much.
     """
     command = FAMILIES["omega"].commands[OMEGA[golden.text]]
     assert taken_by_omega(command, golden.wire) is not None

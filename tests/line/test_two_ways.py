@@ -1,5 +1,5 @@
-"""A sample is read by `Sampler._take` alone where its answer is as expected, whole or in pieces,
-and else by `Scanner.settle`: both give the same record.
+"""`Sampler._take` alone reads a sample if its answer is as expected, whole or in pieces; otherwise
+`Scanner.settle` does. Both give the same record.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ LINKS = {
 
 
 class InPieces:
-    """A cable at whose end, as from a USB adapter, an answer comes in pieces."""
+    """A cable that delivers answers in pieces, as a USB adapter does."""
 
     def __init__(self, cable: Peer, gap_s: float) -> None:
         self._cable = cable
@@ -92,12 +92,14 @@ def test_both_ways_record_the_same_of_answers_in_pieces(
 
 @pytest.mark.parametrize("link", ["good", "flipped", "noisy", "refusing"])
 def test_pieces_are_recorded_as_the_whole(link: str) -> None:
-    """Where all of them come at once."""
+    """All pieces come at once."""
     assert recorded(in_pieces(link, 0.0)) == recorded(made("dde", LINKS[link]))
 
 
 def stopped() -> VirtualRun:
-    """The host stands still between requests and within them, for long and for short."""
+    """Return a run with a host that is suspended between requests and within them, for long and for
+    short.
+    """
     run = prepare(duration_s=40.0)
     for at_s, for_s in ((4.0, 0.45), (6.003, 0.45), (9.013, 1.3), (15.031, 8.0), (28.05, 6.0)):
         run.at(at_s, lambda s=for_s: run.driver.clock.advance_to(run.driver.clock.monotonic() + s))  # type: ignore[misc]
@@ -111,7 +113,9 @@ def ended(at_s: float) -> VirtualRun:
 
 
 def flooded() -> VirtualRun:
-    """A flood that ends in the pause before a tick, so that the next request finds it."""
+    """Return a run with floods that end in the pause before a tick, so that the next request meets
+    them.
+    """
     run = prepare(line_text(keys="ports = [1]"), duration_s=12.0, rate=2.0)
     for second in range(5, 12):
         run.at(second - 0.3, lambda: run.driver.say("dde-1", b"x" * 5000))
@@ -119,7 +123,7 @@ def flooded() -> VirtualRun:
 
 
 def recorded(run: VirtualRun) -> list[object]:
-    """All that the run recorded, and all that its station was asked."""
+    """Return everything that the run recorded, and every question to its station."""
     memory = run.go().memory
     return [
         memory.samples,

@@ -1,4 +1,4 @@
-"""Runs from their recipe to their verdict: a cold tip is not accepted, a busy computer is no bad
+"""Runs from recipe to verdict: a cold tip is not accepted, and a busy computer does not make a bad
 product.
 """
 

@@ -1,5 +1,5 @@
-"""A run writes what its recipe asks for and what makes tools safe, and nothing else: seen from the
-station's side of the wire.
+"""A run writes what its recipe requires and what makes tools safe, and nothing else, by the
+station's side of the serial line.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def slips_in(
     port: int | None,
     tool: int | None = None,
 ) -> None:
-    """A fault of this program: in the middle of a run it writes what nobody asked for."""
+    """Simulate a bug: in the middle of a run, the program writes something unrequested."""
     counters = chapters.read_counters
 
     def broken(context: SessionContext) -> Steps[None]:

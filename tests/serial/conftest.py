@@ -18,10 +18,10 @@ PATIENT_S = 1.5
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sessions in this process wait longer for an answer than the 0.1 s of the product.
+    """Let sessions in this process wait longer for an answer than the 0.1 s of the product.
 
-    For tests of what does not depend on that: virtual stations may wait for a processor, and one
-    that leaves three questions in a row unanswered is silent.
+    For tests that do not depend on this time: virtual stations may wait for a processor, and a
+    station with three unanswered questions in a row counts as silent.
     """
     for name in ("UNMEASURED_S", "LEAST_S", "MOST_S"):
         monkeypatch.setattr(dialogue, name, PATIENT_S)
@@ -29,16 +29,16 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def unhurried(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What succeeds may take longer than the three seconds of a station: a tool whose state was not
-    read in time is ordered again, or not confirmed.
+    """Give each station more than three seconds to confirm: a tool whose state is not read in time
+    is ordered again, or not confirmed.
     """
     monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 7.0)  # a guard waits 8
 
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[tuple[Path, WireLog]]:
-    """The bench of four virtual stations in a process of their own: the line file for a run, and
-    the stations' log.
+    """Serve a bench of four virtual stations from a child process; return the line file for a run,
+    and the stations' log.
     """
     log = tmp_path / "wire.jsonl"
     with SimProcess(BENCH, tmp_path / "bench", log=log) as stations:

@@ -1,8 +1,8 @@
 """Every line format of the older stations (manual 000, 2.1), opened on a real terminal, and a run
-on all twelve rates at once.
+at all twelve rates at once.
 
-250000, 460800 and 500000 are no rates of the old terminal interface; Linux takes any number by the
-newer one.
+Linux sets 250000, 460800 and 500000 by a newer interface that takes any number; they are not rates
+of the old one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))
 
 @pytest.mark.parametrize("baudrate", BAUDRATES)
 def test_a_terminal_is_set_to_each(baudrate: int) -> None:
-    """The rate to the bit, the stop bits, and what a pseudo-terminal keeps of the parity: that it
+    """The exact rate, the stop bits, and all that a pseudo-terminal keeps of the parity: whether it
     is odd.
     """
     with terminal() as far:
@@ -68,8 +68,8 @@ RECIPE = (
 
 
 def test_stations_at_all_rates_are_recorded_side_by_side(tmp_path: Path) -> None:
-    """Through the ports of this machine; each virtual station goes by the line format that its
-    client has set.
+    """On the ports of this machine; each virtual station uses the line format that its client has
+    set.
     """
     line, recipe = tmp_path / "menu.toml", tmp_path / "recipe.toml"
     formats = [FORMATS[place % len(FORMATS)] for place in range(len(BAUDRATES))]

@@ -1,5 +1,5 @@
-"""`jbclog audit` on real pseudo-terminals: nothing is written, a run is left alone, and what was
-read is kept whatever happens.
+"""`jbclog audit` on real pseudo-terminals: it writes nothing, does not disturb a run, and keeps its
+readings whatever happens.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ SOURCE = '[line]\nname = "bench"\n' + "".join(
 
 
 class Bench:
-    """Three virtual stations, not paced, that all tests here share; `questions` are those since the
-    test began.
+    """Three virtual stations without pacing, shared by all tests here. `questions` returns those
+    since the start of the test.
     """
 
     def __init__(self, line: Path, log: WireLog) -> None:
@@ -71,13 +71,13 @@ def bench(served: tuple[Path, WireLog]) -> Bench:
 
 
 def audit(line: Path, ledger: Path, *more: str | Path) -> Result:
-    """A call in this process: the ports are real all the same."""
+    """Audit from this process; the ports are real."""
     words = ("audit", "--line", line, "--ledger", ledger, *more)
     return invoked(*words)
 
 
 def observed(ledger: Path) -> dict[str, Observation]:
-    """The last of each station."""
+    """Return the last observation of each station."""
     return {one.station: one for one in read_book(ledger).observations}
 
 
@@ -175,13 +175,13 @@ def test_a_run_is_left_alone_and_its_record_read(
 
 
 def has_errors(out: Path) -> bool:
-    """Whether the run has read the station's error, which is due each five seconds."""
+    """Whether the run has read the station's error, which is due every five seconds."""
     (run,) = out.iterdir()
     return bool(open_run(run).samples(columns=["station_error"])["station_error"].notna().any())
 
 
 def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
-    """Keep which stations' ports the audits come to have."""
+    """Add the station of each port that the audits open to `opened`."""
     real = survey._open
 
     def noted(wanted: SurveyTarget, access: PortAccess) -> Port:
@@ -193,7 +193,9 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
 
 
 def _began_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if each run began between the look for runs and opening the port: the lock decides."""
+    """Simulate runs that begin between the search for runs and the opening of the port: the lock
+    decides.
+    """
     real, looks = survey.run_that_holds, []
 
     def holds(url: str) -> Path | None:
@@ -311,8 +313,8 @@ def test_ctrl_c_leaves_what_was_read_in_the_ledger(tmp_path: Path) -> None:
 def test_stations_behind_one_port_are_asked_one_after_the_other(
     bench: Bench, tmp_path: Path
 ) -> None:
-    """Another line file names the same wire; what is no address of it does not answer, and costs
-    seconds.
+    """Another line file names the same port with an address that has no station; the missing
+    answers take seconds.
     """
     other, port = tmp_path / "other.toml", bench.line.parent / "dde-1"
     other.write_text(

@@ -1,5 +1,5 @@
 """A run that starts while an audit has its port, and an audit that starts while a run has it: one
-of them wins, both say so.
+of them gets the port, and both report it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ tool = 9
 
 
 class Bench:
-    """One virtual station on a real pseudo-terminal, and what it was asked."""
+    """One virtual station on a real pseudo-terminal, and the log of its questions."""
 
     def __init__(self, folder: Path, stations: SimProcess) -> None:
         self.folder, self.line, self.log = (
@@ -77,7 +77,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
-    """Do that while the audit has the port, before it asks anything."""
+    """Call `act` when the audit has opened the port, before its first question."""
     real = survey._open
 
     def opened(wanted: SurveyTarget, access: PortAccess) -> Port:
@@ -89,7 +89,9 @@ def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
 
 
 def test_the_audit_was_first(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The run is refused, says who has the port, and sends nothing; the audit reads all of it."""
+    """The run is refused, names the process that has the port, and sends nothing; the audit reads
+    everything.
+    """
     runs: list[subprocess.CompletedProcess[str]] = []
     when_open(monkeypatch, lambda: runs.append(jbclog(*bench.run())))
     code, notes = bench.audit()
@@ -101,8 +103,8 @@ def test_the_audit_was_first(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_run_was_first(bench: Bench) -> None:
-    """The run goes on as if nobody had come, and the audit takes from its record what it has, or
-    says that it has nothing yet.
+    """The run continues undisturbed. The audit takes the readings in its record, or reports that
+    there are none yet.
     """
     run = started(*bench.run())
     try:

@@ -1,4 +1,4 @@
-"""Many stations: eight wires at a time, each station asked once, and 100 within a minute."""
+"""Many stations: eight serial lines at a time, each station read once, and 100 within a minute."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ def test_eight_wires_at_a_time(tmp_path: Path, count: int, wire: str) -> None:
 
 
 def most_at_once(log: Path) -> int:
-    """How many stations were asked at one moment, from each one's first question to its last."""
+    """Return the largest number of stations that were read at the same time, each from its first
+    question to its last.
+    """
     spans: dict[str, list[float]] = {}
     for line in log.read_text(encoding="ascii").splitlines():
         one = json.loads(line)

@@ -1,4 +1,4 @@
-"""`jbclog batch` as a person starts it: real pseudo-terminals, real processes, killed and started
+"""`jbclog batch` as a user starts it: real pseudo-terminals and processes, killed and started
 again.
 """
 
@@ -33,8 +33,8 @@ family = "dde"
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
-    """A job is killed, then the executor: nothing is lost, nothing done twice, and what was half
-    done is told.
+    """First a job is killed, then the executor: nothing is lost, nothing is done twice, and the
+    incomplete job is reported.
     """
     line, wire = bench
     jobs = write_batch(tmp_path, line, seconds=4.0, count=3)
@@ -93,7 +93,7 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(
 
 
 def test_killed_while_its_folder_is_made_it_has_started_nothing(tmp_path: Path) -> None:
-    """A step of the campaign below that needs no station."""
+    """One step of the campaign below, which needs no station."""
     line, out = tmp_path / "line.toml", tmp_path / "runs"
     line.write_text(LINE)
     jobs = write_batch(tmp_path, line, count=1)

@@ -1,6 +1,4 @@
-"""Real sessions over real pseudo-terminals: the drivers between the station client and the
-transport.
-"""
+"""Real sessions on real pseudo-terminals: the drivers between station client and transport."""
 
 from __future__ import annotations
 
@@ -37,7 +35,7 @@ DROPOUT = '[[station.sim.fault]]\nkind = "dropout"\nat_s = 10\nfor_s = 1.0\n'
 
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[Callable[..., Line]]:
-    """Serves virtual stations, each described by its sim table, as s1, s2 and so on."""
+    """Return a function that serves virtual stations s1, s2 and so on, each with its sim table."""
     running: list[SimProcess] = []
 
     def serve(*sims: str) -> Line:

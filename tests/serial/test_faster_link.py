@@ -1,8 +1,8 @@
-"""A link that is faster than its line file says: a station at 57600 or 115200 bit/s behind a real
+"""A link that is faster than its line file states: a station at 57600 or 115200 bit/s behind a real
 TCP server.
 
-A scan cannot set a rate there, so it reckons with 19200 8N1 and writes that; answers come before
-their bytes could at that rate.
+A scan cannot set a rate there, so it assumes 19200 8N1 and writes that; answers arrive sooner than
+that rate allows.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from support.invoked import invoked
 
 @contextmanager
 def served(folder: Path, baudrate: int) -> Iterator[str]:
-    """The url of a virtual UCR that speaks at `baudrate` behind a TCP server."""
+    """Serve a virtual UCR at `baudrate` behind a TCP server; return its URL."""
     keys = (
         'name = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate ='
         f" {baudrate}\n[station.sim]\nturnaround_ms = 0.5\n"
@@ -52,9 +52,7 @@ def test_the_line_file_is_written_and_says_it(tmp_path: Path, baudrate: int) -> 
 
 
 def test_every_command_takes_it(tmp_path: Path) -> None:
-    """Nothing is lost by a rate that is stated too low, but rate; each command that asks the
-    station works and none is negative.
-    """
+    """A stated rate that is too low costs only speed: each command works, no time is negative."""
     file, stated = tmp_path / "line.toml", 9600
     with served(tmp_path, 115200) as url:
         keys = (

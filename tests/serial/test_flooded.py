@@ -1,7 +1,7 @@
-"""Ports that are flooded from the start, or when a recorder dies: every verb says so in time, and
-safe orders go out.
+"""Ports that are flooded from the start, or when a recorder dies: each command reports it in time,
+and safe orders are sent.
 
-By default one verb is tried; ``pytest -n0 -m campaign tests/serial/test_flooded.py`` does all.
+By default one command is tried; ``pytest -n0 -m campaign tests/serial/test_flooded.py`` tries all.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOST_MB = 400
 
 @dataclass(frozen=True)
 class Bench:
-    """A served line of two stations, of which the first is flooded."""
+    """A served line of two stations, the first of them flooded."""
 
     line: Path
     recipe: Path

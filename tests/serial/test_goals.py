@@ -34,7 +34,7 @@ RECIPE = recipe_text("joints", "dde")
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[Path]:
-    """Two stations that solder quickly, and a recipe without limits beside their line file."""
+    """Serve two stations that solder quickly; beside their line file is a recipe without limits."""
     path = tmp_path / "two.toml"
     path.write_text(
         '[line]\nname = "two"\n' + "".join(STATION.format(name=name) for name in ("a", "b"))

@@ -1,5 +1,5 @@
-"""The units' commands, allowed no more than the units allow: system calls, addresses, rights,
-folders (`faults.confined`).
+"""The commands of the systemd units, with no more rights than the units grant: system calls,
+addresses, privileges, folders (`faults.confined`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ JBCLOG = ("-c", "from jbclog.cli import main; main()")
 
 @pytest.fixture
 def state(tmp_path: Path) -> Path:
-    """The folder that a unit may write into."""
+    """A folder that a unit may write to."""
     if os.geteuid() != 0 or shutil.which("systemd-analyze") is None:
         pytest.skip("needs root and systemd-analyze (Debian package systemd)")
     folder = tmp_path / "state"

@@ -1,4 +1,4 @@
-"""What a recorder loads while it records, seals and judges: nothing that it could do without."""
+"""A recorder loads only the modules that it needs to record, seal and judge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A pseudo-terminal has no wire, but knows what its client set; virtual stations go by it."""
+"""A pseudo-terminal has no bit rate, but keeps the settings of its client; virtual stations check
+them.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ def line_file(folder: Path, *formats: tuple[int, str]) -> Path:
 
 
 def asked(url: str, baudrate: int, form: str = "8N1", seconds: float = 20.0) -> bytes:
-    """What is answered within `seconds`, which end with the last byte of an answer."""
+    """Return the answer within `seconds`; the wait ends early with its last byte."""
     with serial.serial_for_url(
         url, baudrate, parity=form[1], stopbits=int(form[2]), timeout=seconds
     ) as port:
@@ -54,7 +56,7 @@ def test_only_a_client_at_the_stations_rate_is_answered(tmp_path: Path) -> None:
 def test_of_parity_a_terminal_tells_only_the_odd_one(
     tmp_path: Path, client: str, understood: bool
 ) -> None:
-    """Linux drops PARENB on pseudo-terminals and keeps PARODD: even and none are the same there."""
+    """Linux clears PARENB on pseudo-terminals and keeps PARODD, so even and none look the same."""
     with SimProcess(line_file(tmp_path, (19200, "8N1")), tmp_path / "sim") as sim:
         url = load_line(sim.line_path).station("s1").url
         heard = asked(url, 19200, client, 20.0 if understood else NO_ANSWER_S)
@@ -62,8 +64,8 @@ def test_of_parity_a_terminal_tells_only_the_odd_one(
 
 
 def asked_and_changed(url: str) -> bytes:
-    """What comes after the change; nothing where a busy machine had not even read the question by
-    then, or had answered it already.
+    """Return the bytes after the change of rate; empty if a busy machine had not read the question
+    by then, or had already answered it.
     """
     with serial.serial_for_url(url, 9600, timeout=0.3) as port:
         port.write(READ)
@@ -77,7 +79,9 @@ def asked_and_changed(url: str) -> bytes:
 
 
 def test_a_terminal_at_a_wrong_rate_hears_garbage(tmp_path: Path) -> None:
-    """What was asked at the right rate is answered after the client has changed to another."""
+    """The question is sent at the right rate, and the client changes to another one before the
+    answer.
+    """
     slow = line_file(tmp_path, (9600, "8N1"))
     slow.write_text(slow.read_text().replace("wire = false", "wire = false\nturnaround_ms = 400"))
     with SimProcess(slow, tmp_path / "sim") as sim:

@@ -1,4 +1,4 @@
-"""An OMEGA through real pseudo-terminals, as a person meets it: plan, run, a joint by hand."""
+"""An OMEGA on real pseudo-terminals, as a user works with it: plan, run, a joint by hand."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RECIPE = PROFILES / "recipes" / "omega-point.toml"
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[Path]:
-    """A virtual OMEGA, served; the line file for a run. It holds condition 101 of the recipe."""
+    """Serve a virtual OMEGA with condition 101 of the recipe; return the line file for a run."""
     (tmp_path / "line.toml").write_text(LINE)
     with SimProcess(tmp_path / "line.toml", tmp_path / "virtual") as stations:
         yield stations.line_path
@@ -53,8 +53,8 @@ def test_a_run_that_proves_a_condition(line: Path, tmp_path: Path) -> None:
 
 
 def code_of(folder: Path) -> int:
-    """How a run ends in which nothing is wrong but, on a busy machine, a state that was not read in
-    time: that is less than the recipe accepts.
+    """Return the exit code of an undisturbed run: 1 if a busy machine missed a state, which is
+    below the recipe's coverage, otherwise 0.
     """
     samples = pd.read_parquet(folder / "samples")
     return int(samples[["solder_shortage", "clogged"]].isna().any(axis=None))

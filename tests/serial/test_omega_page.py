@@ -1,5 +1,5 @@
-"""An OMEGA that knows no more than its printed page, on a real pseudo-terminal: recorded, reported,
-judged.
+"""An OMEGA that knows only its printed page is recorded, reported and judged on a real
+pseudo-terminal, from the first question to the verdict.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ RECIPE = (
 
 
 def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
-    """From the first question to a verdict. Its state is null, and not normal."""
+    """Its state is null, not normal."""
     controller = PageOmega("a", delay_s=0.002)
     line, recipe = tmp_path / "line.toml", tmp_path / "states.toml"
     recipe.write_text(RECIPE)

@@ -112,7 +112,7 @@ def test_the_printed_rates_open(baudrate: int) -> None:
 
 @pytest.mark.parametrize("form", ["8E1", "8O1", "8N1"])
 def test_a_terminal_opens_with_any_parity_again_and_again(form: str) -> None:
-    """It keeps none, and where nothing else changes the C library makes an error of that."""
+    """It keeps no parity, which the C library reports as an error if nothing else changes."""
     with terminal() as far:
         for _ in range(3):
             port = open_port(far.url, LineFormat(19200, form))
@@ -140,7 +140,7 @@ def test_a_loop_has_no_descriptor_and_works() -> None:
 def test_a_kind_of_port_that_writes_files_or_loads_code_is_not_even_parsed(
     tmp_path: Path, url: str
 ) -> None:
-    """pyserial's spy:// opens the file that the url names for writing as it reads the url."""
+    """When pyserial parses a spy:// URL, it opens the file in it for writing."""
     file = tmp_path / "precious"
     file.write_text("precious")
     with terminal() as far, pytest.raises(LinkError, match="not a port that may be opened"):
@@ -396,7 +396,7 @@ def test_a_failed_opening_leaves_nothing_open() -> None:
 def test_an_opening_that_memory_is_refused_for_locks_nobody_out(
     step: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A guard tries again, and must not find the port in its own hands."""
+    """A guard tries again, and must not find the port locked by itself."""
 
     def refuse(*_: object) -> None:
         raise MemoryError
@@ -424,7 +424,7 @@ def test_the_far_end_sees_the_client_go_at_once() -> None:
 def test_an_rfc2217_server_that_sends_without_end_has_to_wait(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """pyserial would keep all of it."""
+    """pyserial would keep everything in memory."""
     is_over = Event()
     with terminal() as device, rfc2217_server(device) as server:
         port = open_port(server.url, LineFormat())

@@ -1,4 +1,4 @@
-"""What is open for reading only lets questions through and nothing else, whoever asks for it."""
+"""A port opened for reading only lets questions pass and nothing else, whoever sends it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recorded run served again on pseudo-terminals: decoded tables are equal."""
+"""A recorded run served again on pseudo-terminals: the decoded tables are equal."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ SLOW = [
 
 @contextmanager
 def served(run: Path, folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """`jbclog replay`, from its ports' appearing to Ctrl-C."""
+    """Run `jbclog replay` until its ports are there; end it with Ctrl-C."""
     process = started("replay", run, "--dir", folder, *options)
     try:
         assert process.stdout is not None
@@ -89,9 +89,9 @@ def served(run: Path, folder: Path, *options: str) -> Iterator[subprocess.Popen[
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in the field: corrupt frames and an outage on one station, time-outs on the other.
 
-    The cable is out at a fixed time of the station's life: on a busy machine that can be while the
-    run starts, or after its end. Then another is made, whose cable is out later, or sooner. So is
-    one after a run whose host was late: it loses answers, for longer than a station may be silent.
+    The cable is out at a fixed time after the station's start. On a busy machine the run may be
+    starting then, or over; another run is made, with the cable out later or sooner. It is also made
+    again if the host was late: such a host loses answers for longer than a station may be silent.
     """
     cable_out_at_s = 3.2
     for _ in range(12):
@@ -119,19 +119,21 @@ WITH_OUTAGE = ["opened", "lost", "failed", "opened", "closed"]
 
 
 def lost_while_sampling(run: Path) -> dict[str, int]:
-    """How often the link of each station was lost while it sampled."""
+    """Return how often the link of each station was lost during sampling."""
     return {one.name: one.outages for one in read_manifest(run).stations}
 
 
 def passed_in(run: Path) -> list[str]:
-    """The port whose cable is out is tried at least once while it is."""
+    """Return what happened to the port, in order and without repetitions. During the outage it is
+    tried at least once.
+    """
     of_port = ("opened", "lost", "failed", "closed")
     passed = [row.what for row in read_rows(wire_path(run, "dde-1")) if row.what in of_port]
     return [what for number, what in enumerate(passed) if what not in passed[:number][-1:]]
 
 
 LATE, AT_START = "<timeout>", 8
-"""What a counter says that did not answer; counters read before the first sample."""
+"""Raw text of a counter without an answer; number of counters read before the first sample."""
 
 
 def raw_counters(run: Path, station: str) -> list[str]:
@@ -139,12 +141,12 @@ def raw_counters(run: Path, station: str) -> list[str]:
 
 
 def in_time(raw: list[str]) -> int:
-    """How many counters were read before one did not answer."""
+    """Return how many counters were read before the first one without an answer."""
     return [*raw, LATE].index(LATE)
 
 
 def counters_were_read(run: Path) -> bool:
-    """Whether those that are read before the first sample all answered."""
+    """Whether all counters before the first sample were answered."""
     return all(in_time(raw_counters(run, name)) >= AT_START for name in ("dde-1", "ucr-1"))
 
 
@@ -203,7 +205,9 @@ def test_lived_through_again_the_tables_are_the_same(original: Path, tmp_path: P
 
 
 def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
-    """A host that loses so many answers that a link counts as lost shows nothing: another trial."""
+    """If the host loses so many answers that a link counts as lost, the trial shows nothing, and
+    another follows.
+    """
     for trial in range(4):
         ended = recorded_again(original, tmp_path / str(trial))
         again = only_run(tmp_path / str(trial) / "runs")
@@ -243,7 +247,7 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
 
 
 def recorded_again(original: Path, place: Path) -> subprocess.CompletedProcess[str]:
-    """A run of the served one, by the command that is proposed for it."""
+    """Record the served run with the command that `replay` proposes."""
     place.mkdir()
     with served(original, place / "served") as replaying:
         assert replaying.stderr is not None
@@ -255,18 +259,17 @@ def recorded_again(original: Path, place: Path) -> subprocess.CompletedProcess[s
 
 
 def was_on_time(samples: pd.DataFrame) -> bool:
-    """Whether the host asked each tick's first question in the first tenth of the tick: else values
-    move to other ticks.
+    """Whether the host asked the first question of each tick within the tick's first tenth:
+    otherwise values move to other ticks.
     """
     return samples["late_us"].max() is not pd.NA and bool(samples["late_us"].max() < 0.1e6 / HZ)
 
 
 def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:
-    """Share of their values that are ours at that tick or at a neighbour of it; 1.0 where there are
-    none to compare.
+    """Return the share of their values that equal ours at the same tick or a neighbour; 1.0 without
+    values to compare.
 
-    A busy host answers a tick's question late, and then the served run gives the value of the next
-    tick.
+    A busy host asks late, and the served run then gives the value of the next tick.
     """
     both = ours.notna() & theirs.notna()
     same = (
@@ -276,25 +279,25 @@ def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:
 
 
 def is_in_order(read: pd.Series, of: pd.Series) -> bool:
-    """Whether the values that were read are values of the other, in its order, each for as many
-    ticks as it may be.
+    """Whether the values read are values of the other run in the same order, each for any number of
+    ticks.
 
-    Where the other has a null, its answer may have come too late for the tick: it is in the
-    capture, no test of rows can know it, and the served station gives it in time.
+    If the other run has a null, its answer may have come too late for the tick: it is in the
+    capture, the rows do not show it, and the served station gives it in time.
     """
     left = iter(of)
     return all(any(one is pd.NA or one == value for one in left) for value in changes(read))
 
 
 def changes(column: pd.Series) -> list[int]:
-    """The values that were read, each once where it stays the same."""
+    """Return the values read, each one once until it changes."""
     known = column.dropna()
     return known[(known != known.shift()).fillna(True)].to_list()
 
 
 def kinds(run: Run, station: str) -> list[str]:
-    """What happened; that a slow signal was not read may fall behind the end, and a busy host costs
-    ticks.
+    """Return the kinds of events, without those of a busy host; a slow signal that was not read may
+    be reported after the end.
     """
     of_the_host = ("read.", "alarm.", "host.", "station.slow")
     return [kind for kind in run.events(station)["kind"] if not kind.startswith(of_the_host)]
@@ -305,7 +308,7 @@ CALM = re.sub(r"\[\[station.sim.fault\]\].*?(?=\n\n|\Z)", "", LINE, flags=re.DOT
 
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two stations of which nothing is wrong, at periods of their own."""
+    """A run of two stations without faults, each with its own period."""
     place = tmp_path_factory.mktemp("calm")
     (place / "line.toml").write_text(
         CALM.replace("noise_c = 0.5", "noise_c = 0.5\nturnaround_ms = 60.0", 1)
@@ -330,8 +333,8 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.campaign
 def test_recorded_again_it_has_the_same_rows(calm: Path, tmp_path: Path) -> None:
-    """Each station as many rows as then, at its own rate, and where the host lost no tick the same
-    values in them.
+    """Each station has as many rows as before, at its own rate, and the same values unless the host
+    lost a tick.
     """
     with served(calm, tmp_path / "served") as replaying:
         assert replaying.stderr is not None
@@ -396,8 +399,8 @@ def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(
 def test_a_row_too_many_is_a_difference(
     copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is compared as far as both go finds no row that came on top: only a recording that was
-    cut is compared so.
+    """A comparison of the common part misses an extra row; only a recording that was cut off is
+    compared that way.
     """
     from jbclog.app.run.run_record import RunRecord
     from jbclog.core.rows import EventRow, Severity

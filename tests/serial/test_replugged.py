@@ -1,8 +1,8 @@
-"""Adapters that come back under another name, or under each other's, on real pseudo-terminals with
-links as udev makes them.
+"""Adapters that come back under another name, or under each other's name, on real pseudo-terminals
+with links as udev makes them.
 
-The default run has one adapter that gets another number; ``pytest -n0 -m campaign
-tests/serial/test_replugged.py`` swaps two, ten times, and sets one right again.
+By default one adapter gets another number; ``pytest -n0 -m campaign
+tests/serial/test_replugged.py`` swaps two, ten times.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def line(**hours: int) -> str:
 
 
 class Udev:
-    """Links by which the recorder knows the adapters."""
+    """Links by which the recorder finds the adapters."""
 
     def __init__(self, folder: Path, served: ServedLine) -> None:
         self.folder, self.line, self._served = folder, folder / "line.toml", served
@@ -55,13 +55,13 @@ class Udev:
         self.line.write_text(text)
 
     def name(self, name: str, end: str) -> None:
-        """From now on `name` leads to the adapter that `end` is at."""
+        """Let `name` lead to the adapter at `end` from now on."""
         link = self.folder / name
         link.unlink(missing_ok=True)
         link.symlink_to(self._served.url(end))
 
     def device(self, name: str) -> str:
-        """Where the link leads in the end; empty while the adapter is out."""
+        """Return the target of the link; empty while the adapter is out."""
         path = self.folder / name
         return os.path.realpath(path) if path.exists() else ""
 
@@ -69,7 +69,9 @@ class Udev:
 def run(
     udev: Udev, served: ServedLine, out: Path, meanwhile: Callable[[], object]
 ) -> tuple[int, Path]:
-    """`jbclog run`; what happens while the adapters are out. Its exit code and folder."""
+    """Run `jbclog run`, and call `meanwhile` when the adapters are out; return exit code and
+    folder.
+    """
     recorder = started(
         "run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "fit"
     )
@@ -86,14 +88,14 @@ def kinds(folder: Path, station: str) -> list[str]:
 
 
 def assert_only_asked_writes(served: ServedLine) -> None:
-    """What the stations took is what the recipe has and a safe state."""
+    """The stations accepted only settings of the recipe and status words."""
     names = {write.name for station in served.stations.values() for write in station.log.writes}
     assert names <= {"selected_temperature", "sleep_delay", "hibernation_delay", "status"}
 
 
 def take_number(device: str, held: list[int]) -> bool:
-    """Hold the pseudo-terminal of this number; the lower ones are given out first. False where
-    another process has it.
+    """Hold the pseudo-terminal with this number, after all lower ones, which the system gives
+    first. Return False if another process has it.
     """
     while True:
         ours, theirs = os.openpty()
@@ -108,14 +110,14 @@ def take_number(device: str, held: list[int]) -> bool:
 
 
 def test_an_adapter_comes_back_under_another_name(tmp_path: Path) -> None:
-    """Another test may hold its number while it is out, and give it back in time, or a busy machine
-    takes longer than that until it samples: that trial shows nothing.
+    """A trial shows nothing if another test holds the number during the outage and frees it in
+    time, or if a busy machine starts sampling after the outage.
     """
     assert any(renamed(tmp_path / str(trial)) for trial in range(4))
 
 
 def renamed(tmp_path: Path) -> bool:
-    """Whether it came back under another name; what the recorder then did is checked."""
+    """Return True if the adapter came back under another name; then also check the recorder."""
     tmp_path.mkdir()
     with ServedLine(tmp_path, line(one=100)) as served:
         udev = Udev(tmp_path / "dev", served)

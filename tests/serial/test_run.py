@@ -1,4 +1,4 @@
-"""`jbclog run` as a person runs it: real pseudo-terminals, a real disk, real signals."""
+"""`jbclog run` as a user runs it: real pseudo-terminals, a real disk, real signals."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ STAND = "WPS100001"
 
 
 def last_states(wire: WireLog, station: str) -> set[str]:
-    """The states that its tools were ordered into last; the feeder may be stopped after it."""
+    """Return the last status word of each tool; the feeder may be stopped after it."""
     ordered = [text for text in wire.writes(station) if text.startswith("WPS")]
     return {*{text[3]: text[4:] for text in ordered}.values()}
 
 
 def recording(line: Path, out: Path, options: str) -> list[str | Path]:
-    """The words of a run with the shipped recipe. A rate of them is a demand: at 5 Hz the feeder's
-    station is refused where a busy machine takes 40 ms for its answers.
+    """Return the arguments of a run with the shipped recipe. A rate in `options` is a requirement:
+    at 5 Hz the feeder's station is refused if a busy machine takes 40 ms for its answers.
     """
     return ["run", RECIPE, "--line", line, "--out", out, *options.split()]
 
@@ -201,7 +201,7 @@ def test_a_folder_that_cannot_hold_a_record_stops_the_run_before_any_question(
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 8 MiB."""
+    """Mount a disk of 8 MiB."""
     if shutil.which("mount") is None or os.geteuid() != 0:
         pytest.skip("mount (as root) is needed for a small disk")
     folder = tmp_path / "small"

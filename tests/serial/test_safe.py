@@ -1,5 +1,5 @@
-"""`jbclog safe` on real pseudo-terminals: beside no run, a run that listens, a run that hangs, and
-a port in foreign hands.
+"""`jbclog safe` on real pseudo-terminals: without a run, beside a run that responds, beside a run
+that hangs, and with a port that another program has.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def put_to_work(line: ServedLine) -> None:
 
 
 def told(line: ServedLine, since: float) -> list[Order]:
-    """What the stations were told, all of it safe."""
+    """Return the orders to the stations; all of them are safe."""
     orders = line.orders(since)
     assert [order for order in orders if not order.is_safe] == []
     return orders
@@ -80,9 +80,9 @@ def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
 
 
 def test_four_tools_that_heat_on_in_their_extractor_state_are_told_to_stand(tmp_path: Path) -> None:
-    """The second cools: it is left alone. On a busy machine it may not be seen to cool within the
-    second that is given, and gets the order as well, or the three seconds of a station are over
-    before all is read back; then the line is asked again.
+    """The second tool cools and gets no order. On a busy machine its cooling may not show within
+    the second that is allowed, and it gets the order as well; or the three seconds of a station end
+    before everything is read back. Then the line is tried again.
     """
     for attempt in range(5):
         folder = tmp_path / str(attempt)
@@ -95,7 +95,9 @@ def test_four_tools_that_heat_on_in_their_extractor_state_are_told_to_stand(tmp_
 
 
 def ports_told_to_stand(folder: Path) -> set[int] | None:
-    """The ports; None if a tool did not confirm in time, and `safe` said so."""
+    """Return the ports with an order; None if a tool did not confirm in time and `safe` reported
+    it.
+    """
     with ServedLine(folder, FOUR_TOOLS) as line:
         tools = line.tools()
         for port in tools:
@@ -122,7 +124,7 @@ def ports_told_to_stand(folder: Path) -> set[int] | None:
 
 @contextmanager
 def sampling(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
-    """A run that writes nothing more before its end."""
+    """A run that has started sampling, and writes nothing more before its end."""
     with running(line, out, *more) as run:
         assert until(lambda: is_sampling(out))
         yield run
@@ -202,8 +204,8 @@ def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(
 def test_waiting_on_real_ports(
     line: ServedLine, monkeypatch: pytest.MonkeyPatch, cools: bool
 ) -> None:
-    """Six tools whose heaters are off, from 340 °C down; where one stands instead, it stays above
-    and is named.
+    """Six tools with their heaters off cool down from 340 °C; one that is at work stays hot and is
+    named.
     """
     monkeypatch.setattr(safe_state, "COLD_EVERY_S", 0.3)
     monkeypatch.setattr(safe_state, "COLD_WITHIN_S", 60.0 if cools else 2.0)

@@ -1,5 +1,5 @@
-"""`jbclog scan` and `jbclog doctor` on real terminals and TCP, against virtual stations and against
-what is none.
+"""`jbclog scan` and `jbclog doctor` on real terminals and TCP, with virtual stations and with other
+devices.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ from support.links.far_ends import Terminal, terminal
 Bench = tuple[Path, WireLog]
 NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")
 TRIALS = 5
-"""A scan waits 0.3 s for an answer, and a busy machine takes longer now and then: another trial."""
+"""A scan waits 0.3 s for an answer; a busy machine sometimes takes longer, and then another trial
+follows.
+"""
 TCGETS2 = 0x802C542A
 SHORT = ScanPlan(
     (Trial(LineFormat()), Trial(LineFormat(250000, "8E1"), listens_s=0.5)), addresses=(1, None)
@@ -158,8 +160,8 @@ def test_a_station_behind_a_tcp_server(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
 @pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
 def test_the_line_format_behind_ser2net_is_found(tmp_path: Path) -> None:
-    """ser2net starts at 19200 8N1; the scan sets the rate over rfc2217, and the station goes by
-    what its terminal is set to.
+    """ser2net starts at 19200 8N1. The scan sets the rate over RFC 2217, and the station uses the
+    settings of its terminal.
     """
     file = tmp_path / "bench.toml"
     station = (
@@ -215,8 +217,8 @@ def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) ->
 
 @contextmanager
 def answered(reply: Callable[[bytes, int], bytes], every_s: float = 0.1) -> Iterator[Terminal]:
-    """A far end that says `reply(what it heard, the rate that the client has set)`, also when it
-    heard nothing for a while.
+    """A far end that sends `reply(bytes received, rate set by the client)`, also after a while
+    without any bytes.
     """
     over = threading.Event()
 
@@ -250,9 +252,9 @@ def rate_of(descriptor: int) -> int:
 
 
 def scanned(far: Terminal, shows: Callable[[PortReport], bool] = lambda _: True) -> PortReport:
-    """Scan a terminal until it `shows` what is there, `TRIALS` times at most. The kernel gives
-    numbers of terminals again: a recorder of another test may look for its lost port at this one's,
-    and has it for a moment.
+    """Scan a terminal until the report `shows` the device, at most `TRIALS` times. The kernel
+    reuses numbers of terminals, so a recorder of another test that searches for its lost port may
+    hold this one for a moment.
     """
     for _ in range(TRIALS):
         for _ in range(20):
@@ -299,7 +301,7 @@ def test_the_terminal_is_opened_at_each_format() -> None:
 
 
 def heard_of(far: Terminal) -> bytes:
-    """What a client has sent; nothing before there is one."""
+    """Return the bytes of a client; empty while there is none."""
     try:
         return far.heard(0.1)
     except OSError:

@@ -1,8 +1,8 @@
-"""Whole runs through ser2net, which other people wrote: its server is killed in the middle and
+"""Whole runs through ser2net, an independent program: its server is killed during the run and
 started again.
 
-`ign_set_control` is pyserial's own: a pseudo-terminal has no control lines, so the server does not
-confirm them.
+`ign_set_control` is an option of pyserial: a pseudo-terminal has no control lines, so the server
+does not confirm them.
 """
 
 from __future__ import annotations
@@ -47,9 +47,7 @@ tool = 9
 
 
 class Ser2net:
-    """The server, with one port before the device at `device`; killed and started as often as one
-    likes.
-    """
+    """A server with one port for `device`; it can be killed and started repeatedly."""
 
     def __init__(self, folder: Path, scheme: str, device: Path) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:
@@ -79,9 +77,7 @@ class Ser2net:
             self._running = None
 
     def _listens(self) -> bool:
-        """Told by the system: a connection made to find out would be the one client that the server
-        takes.
-        """
+        """Ask the system: a test connection would be the one client that the server accepts."""
         rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
         return any(
             int(row[1].split(":")[1], 16) == self.port and row[3] == LISTENING for row in rows
@@ -92,9 +88,7 @@ class Ser2net:
 def networked(
     request: pytest.FixtureRequest, tmp_path: Path
 ) -> Iterator[tuple[Path, Ser2net, WireLog]]:
-    """A virtual station on a pseudo-terminal, ser2net before it, and a line file that goes through
-    the server.
-    """
+    """A virtual station on a pseudo-terminal behind ser2net, and a line file with its URL."""
     served, log = tmp_path / "served.toml", tmp_path / "wire.jsonl"
     served.write_text(STATION.format(url="ucr-1"))
     with SimProcess(served, tmp_path / "bench", log=log):
@@ -109,14 +103,16 @@ def networked(
 
 
 def plain_recipe(folder: Path) -> Path:
-    """The recipe without its acceptance, so that an outage is no verdict."""
+    """Write the recipe without its acceptance limits, so that an outage does not change the
+    verdict.
+    """
     recipe = folder / "plain.toml"
     recipe.write_text(RECIPE.read_text().split("[acceptance]")[0])
     return recipe
 
 
 def expect(run: subprocess.Popen[str], true: Callable[[], bool]) -> None:
-    """Wait until `true`; fail with what the run says, if it does not come to that."""
+    """Wait until `true`; on a time-out, fail with the output of the run."""
     if not until(true):
         run.kill()
         pytest.fail("\n".join(run.communicate(timeout=20)))
@@ -153,7 +149,7 @@ def test_a_run_outlives_its_server(
 
 
 def rows_after_outage(folder: Path) -> int:
-    """How many rows of a run that goes on are younger than its station's return."""
+    """Return the number of rows that an open run has after its station came back."""
     run = open_run(folder)
     events = run.events()
     back = events.loc[events["kind"] == "link.back", "time"]
@@ -161,8 +157,8 @@ def rows_after_outage(folder: Path) -> int:
 
 
 def assert_rows_tell_the_outage(folder: Path, outages: int) -> None:
-    """Rows before it, rows of it without values, rows after it, on one grid without a gap; and its
-    two events. A station behind a busy computer may be away once more.
+    """There are rows before the outage, rows without values during it, and rows after it, on one
+    grid without gaps, and its two events. On a busy computer the station may be lost once more.
     """
     samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
     assert (samples["tick"].diff().dropna() == 1).all()

@@ -1,4 +1,4 @@
-"""Virtual stations as their own process, on real pseudo-terminals and TCP, by pyserial."""
+"""Virtual stations in a child process, on real pseudo-terminals and TCP; the client is pyserial."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ READ = Frame("R", "TT1", 0, 1).encode()
 
 
 def line_file(folder: Path, *stations: str) -> Path:
-    """A line file of these tables, each beginning with its url."""
+    """Write a line file of these tables, each beginning with its URL."""
     path = folder / "bench.toml"
     tables = (
         f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = {text}\n'
@@ -40,7 +40,7 @@ def line_file(folder: Path, *stations: str) -> Path:
 
 
 def opened(line: Path, station: str) -> serial.SerialBase:
-    """A client's end of it; a station that is late, as on a busy machine, is waited for."""
+    """Open a station's port as a client that waits long enough for a busy machine."""
     return serial.serial_for_url(load_line(line).station(station).url, 19200, timeout=60)
 
 
@@ -50,7 +50,7 @@ def asked(port: serial.SerialBase, question: bytes = READ, count: int = 16) -> b
 
 
 def is_exclusive(path: Path) -> bool:
-    """Whether nobody else could open the terminal, except root, as we are."""
+    """Whether the terminal is locked for all users but root; tests run as root."""
     with path.open("rb", buffering=0) as probe:
         return bool(struct.unpack("i", fcntl.ioctl(probe.fileno(), TIOCGEXCL, b"\0" * 4))[0])
 
@@ -67,7 +67,7 @@ def test_a_paced_exchange_takes_what_its_bytes_take_and_hardly_more(tmp_path: Pa
 
 
 def took(port: serial.SerialBase) -> float:
-    """The milliseconds of an exchange."""
+    """Return the duration of an exchange in ms."""
     begun = time.monotonic()
     assert len(asked(port)) == 16
     return (time.monotonic() - begun) * 1000
@@ -258,7 +258,7 @@ def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) ->
 
 
 def test_a_signal_that_interrupts_no_wait_ends_it_as_well() -> None:
-    """As one does that arrives just before a wait: here another thread takes it."""
+    """A signal just before a wait does not interrupt it; here another thread receives it."""
     serving = (
         "import signal, threading, time\nfrom jbclog.sim.links import Waiter\nfrom"
         " jbclog.sim.serve import Server\nserver = Server([], Waiter())\n"

@@ -1,5 +1,5 @@
-"""Stations that start together, on real pseudo-terminals: what `jbclog run` writes where one of
-them does not start.
+"""Stations that start together, on real pseudo-terminals: the writes of `jbclog run` if one of them
+does not start.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ HEATS = ("WST", "WA1", "WS1", "WPS100000")
 def run_of(
     tmp_path: Path, sim: str = "", missing: str = "", *options: str
 ) -> tuple[int, str, Manifest, WireLog]:
-    """Exit code, notes, manifest and the stations' log of a run with these stations; `missing` are
-    in its line file only.
+    """Run with these stations; return exit code, notes, manifest and the stations' log. The line
+    file also has the stations in `missing`, which are not served.
     """
     (tmp_path / "sim.toml").write_text(LINE + sim)
     log = tmp_path / "wire.jsonl"

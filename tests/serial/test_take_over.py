@@ -1,4 +1,6 @@
-"""Taking over on real pseudo-terminals: who is saved, who left alone, what is tried again."""
+"""Take-over on real pseudo-terminals: which tools are made safe, which are left alone, what is
+tried again.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
 
 @pytest.fixture
 def line(served: ServedLine) -> ServedLine:
-    """All tools at work, the feeder running."""
+    """A line with all tools at work and the feeder running."""
     for port in served.tools():
         port.order(WORKING, False)
     feeder = served.stations["ale-1"].plant.feeder
@@ -56,7 +58,7 @@ def line(served: ServedLine) -> ServedLine:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """The folder of a run that was cut off."""
+    """A folder of a run that was cut off."""
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "live.lock").touch()
@@ -64,7 +66,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def lease(line: ServedLine, name: str) -> StationLease:
-    """What a run that put all tools of a station to work has leased."""
+    """Return the lease of a run that put all tools of a station to work."""
     device = line.stations[name].device
     ports = tuple(line.stations[name].plant.ports)
     family, software = (
@@ -91,7 +93,7 @@ def all_leases(line: ServedLine) -> list[StationLease]:
 
 
 def told(run: Path) -> list[tuple[str, str | None, int | None]]:
-    """What the diary says, without its times."""
+    """Return the lines of the action log, without their times."""
     lines = (run / DIARY).read_text().splitlines() if (run / DIARY).exists() else []
     return [
         (row["kind"], row["station"], row["port"]) for row in map(json.loads, filter(None, lines))
@@ -105,7 +107,9 @@ def retried_soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def quick(retried_soon: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What does not succeed is given up soon, too soon for what must succeed on a busy machine."""
+    """Give up soon what does not succeed; the time is too short for tests that must succeed on a
+    busy machine.
+    """
     monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 1.5)
 
 
@@ -180,7 +184,7 @@ def test_one_that_cannot_be_saved_keeps_nobody_else(line: ServedLine, run: Path)
 def test_a_port_that_is_let_go_late_is_waited_for(
     line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A killed recorder may take its time to be gone: here until the third try to open its port."""
+    """A killed recorder may end late: here at the third try to open its port."""
     port, refused, opened = open_port(line.url("ucr-1"), LineFormat()), [], takeover._open
 
     def tried(held: StationLease) -> Port:
@@ -226,7 +230,7 @@ def test_what_rests_is_spared_where_that_is_asked(line: ServedLine, run: Path) -
 
 
 def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
-    """Take a port's name away, as a pulled adapter's is; give what puts it back."""
+    """Remove a port's name, as if its adapter was pulled; return a function that restores it."""
     path = Path(line.url(name))
     aside = path.rename(path.with_name(f"{name}-away"))
     return lambda: aside.rename(path)
@@ -263,7 +267,7 @@ sys.exit(guard.main())
 
 @contextmanager
 def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A guard in a process of its own that is told to take dde-1 over."""
+    """Start a guard in a child process, and let it take over dde-1."""
     command = [sys.executable, "-c", IMPATIENT, str(run), "--recorder", str(os.getpid())]
     guard = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -303,7 +307,7 @@ while True:
 def test_a_recorder_that_dies_as_soon_as_the_next_guard_is_there(
     line: ServedLine, run: Path, number: signal.Signals
 ) -> None:
-    """The next guard knows the leases, though the recorder has written nothing to it since."""
+    """The next guard has the leases, although the recorder has written nothing to it since."""
     command = [sys.executable, "-c", DIES_EARLY, str(run), str(int(number))]
     asked = f"{lease(line, 'dde-1').to_json()}\n"
     recorder = subprocess.run(command, input=asked, text=True, timeout=200, stdout=subprocess.PIPE)
@@ -412,7 +416,7 @@ def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stay
 def test_of_many_that_come_at_once_one_makes_safe_what_was_left(
     line: ServedLine, run: Path
 ) -> None:
-    """Two guards never both write: whoever comes second finds nothing to do."""
+    """Two guards never both write: the second one finds nothing to do."""
     assert at_once(line, run, 8) == 1
 
 
@@ -433,9 +437,10 @@ def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(
 
 
 def at_once(line: ServedLine, folder: Path, count: int) -> int:
-    """How many of them did it; asserted from the stations' own log: all were told, not by two.
+    """Return how many of them made the tools safe. By the stations' own log, every tool got its
+    order, and not from two.
 
-    On a busy machine an answer may come late, and one order is repeated; two would repeat each.
+    On a busy machine one late answer causes a repeated order; two guards would repeat each.
     """
     write_leases(folder, all_leases(line))
     began, urls = time.monotonic(), {line.url(name) for name in line.stations}
@@ -467,7 +472,7 @@ def test_a_run_that_goes_on_is_left_alone_at_once(line: ServedLine, run: Path) -
 def test_a_guard_that_is_just_taking_over_is_waited_for(
     line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here until the fourth time that it is asked whether it is done."""
+    """It is done at the fourth request for its lock."""
     write_leases(run, all_leases(line))
     guard, began = ExitStack(), time.monotonic()
     refused: list[Path] = []

@@ -1,5 +1,5 @@
-"""The tee notes every byte with its moment and direction, and every change of the link; it changes
-nothing of the port.
+"""The tee records every byte with its time and direction, and every change of the link; it does not
+change the port.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Serials of units, typed while a run goes on: through real pipes and terminals, as barcode readers
-give them.
-"""
+"""Serials of units, entered during a run on real pipes and terminals, as by barcode readers."""
 
 from __future__ import annotations
 
@@ -34,7 +32,7 @@ def arguments(line: Path, out: Path, *more: str) -> list[str]:
 
 
 def told_of_units(out: Path, count: int) -> bool:
-    """Whether so many events of units were committed before long."""
+    """Wait until `count` events of units are committed; return False on a time-out."""
     return until(
         lambda: (
             sum(kind.startswith("unit.") for kind in open_run(only_run(out)).events()["kind"])
@@ -136,7 +134,7 @@ def test_a_flood_does_not_hold_up_a_run(bench: Bench, tmp_path: Path) -> None:
 def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(
     bench: Bench, tmp_path: Path
 ) -> None:
-    """And END is echoed: what is typed into a pipe nobody sees."""
+    """END is echoed as well, because a pipe does not show what is typed."""
     line, _ = bench
     out, recipe = tmp_path / "runs", tmp_path / "recipe.toml"
     recipe.write_text(RECIPE.read_text() + '\n[units]\nrepeat = "refuse"\n')
@@ -174,7 +172,7 @@ def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(
 
 
 class Terminal:
-    """A terminal that a program runs on, and what it shows."""
+    """A terminal with a program, and its screen."""
 
     def __init__(self, *words: str) -> None:
         self._ours, self._theirs = pty.openpty()

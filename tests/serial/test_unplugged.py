@@ -1,5 +1,5 @@
-"""Every way in which a cable goes, on every kind of port: one `LinkError` with the url, and nothing
-else.
+"""Every way to lose a cable, on every kind of port: one `LinkError` with the URL, and no other
+error.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ WAYS: dict[str, Callable[[Port], object]] = {
 
 
 def _lost(port: Port, way: str) -> LinkError:
-    """The error that `way` meets: at once, or after the bytes that were still there."""
+    """Return the error of `way`, which comes at once or after the remaining bytes."""
     until = time.monotonic() + 20
     while time.monotonic() < until:
         try:
@@ -176,9 +176,7 @@ def test_closing_a_lost_rfc2217_port_is_quicker_than_pyserials_own() -> None:
 
 
 class Stumbling:
-    """In place of pyserial's object: it stumbles as pyserial does where the cable goes at a bad
-    moment.
-    """
+    """Replaces pyserial's object; fails as pyserial does if the cable is lost at a bad moment."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -342,7 +340,7 @@ def test_a_port_opens_again_after_its_cable_was_pulled(tmp_path: Path) -> None:
 
 
 def test_a_descriptor_port_never_closes_a_number_twice() -> None:
-    """Twice would close whatever else has been given the same number meanwhile."""
+    """A second close would close whatever got the same number meanwhile."""
     calls: list[int] = []
     port = DescriptorPort("/dev/x", 99, lambda: calls.append(99))
     port.close()

@@ -1,4 +1,4 @@
-"""`jbclog verify` on a real pseudo-terminal: the station is asked, and nothing is written to it."""
+"""`jbclog verify` on a real pseudo-terminal reads the station and writes nothing to it."""
 
 from __future__ import annotations
 

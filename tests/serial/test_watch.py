@@ -1,5 +1,5 @@
-"""A real run of virtual stations on real terminals, watched from outside: by `jbclog.live` and by
-`jbclog watch`.
+"""A real run of virtual stations on real terminals, watched from another process with `jbclog.live`
+and `jbclog watch`.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ status = "working"
 
 @contextmanager
 def running(home: Path, duration: str) -> Iterator[tuple[subprocess.Popen[str], Path]]:
-    """`jbclog run` on two stations, and its folder of runs."""
+    """Run `jbclog run` on two stations; yield the process and the folder of its runs."""
     (home / "two.toml").write_text(LINE)
     (home / "job.toml").write_text(RECIPE)
     (home / "runs").mkdir()
@@ -141,7 +141,7 @@ def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
 
 
 def shows_loss(run: RunState) -> bool:
-    """Whether it shows in any way that b is lost; an answer that is late is no loss."""
+    """Whether the state shows in any way that b is lost; a late answer is no loss."""
     return run.ports[1].temperature.why == DISCONNECTED or any(
         one.event.kind == "link.lost" for one in run.events
     )
@@ -160,7 +160,7 @@ class Terminal:
 
     @property
     def _seen(self) -> str:
-        """Its text so far; one read may end within a sequence of control."""
+        """The text so far; a read may end within a control sequence."""
         return re.sub(rb"\x1b\[[0-9;?]*[A-Za-z]", b"", self._shown).decode(errors="replace")
 
     def until(self, text: str) -> None:
@@ -177,7 +177,7 @@ class Terminal:
         os.kill(self._child, number)
 
     def end(self) -> int:
-        """The exit code; its output is read until it ends."""
+        """Read the output to its end; return the exit code."""
         end = time.monotonic() + WAIT_S
         while time.monotonic() < end:
             ended, status = os.waitpid(self._child, os.WNOHANG)
