@@ -282,11 +282,12 @@ def is_in_order(read: pd.Series, of: pd.Series) -> bool:
     """Whether the values read are values of the other run in the same order, each for any number of
     ticks.
 
-    If the other run has a null, its answer may have come too late for the tick: it is in the
-    capture, the rows do not show it, and the served station gives it in time.
+    The capture has answers that the rows of the other run do not show, and the served station gives
+    them: the one before the first row, to a host that starts sooner, and one that came too late for
+    its tick, where the other run has a null.
     """
     left = iter(of)
-    return all(any(one is pd.NA or one == value for one in left) for value in changes(read))
+    return all(any(one is pd.NA or one == value for one in left) for value in changes(read)[1:])
 
 
 def changes(column: pd.Series) -> list[int]:

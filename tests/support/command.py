@@ -45,11 +45,7 @@ def jbclog(
     """Run the command to its end, in a process that has everything imported."""
     words = list(map(str, arguments))
     with Warm(words, cwd) as process:
-        try:
-            told, notes = process.communicate(timeout=timeout)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            raise
+        told, notes = process.communicate(timeout=timeout)
     return subprocess.CompletedProcess(words, process.returncode, told, notes)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from unittest.mock import patch
 
 from typer.testing import CliRunner, Result
 
@@ -10,5 +11,9 @@ from jbclog.cli.app import app
 
 
 def invoked(*words: object, **options: Any) -> Result:
-    """How a call with these words ended; `options` are those of `CliRunner.invoke`."""
-    return CliRunner().invoke(app, list(map(str, words)), **options)
+    """How a call with these words ended; `options` are those of `CliRunner.invoke`.
+
+    A command that lowers its priority would lower that of all tests after it.
+    """
+    with patch("os.nice"):
+        return CliRunner().invoke(app, list(map(str, words)), **options)

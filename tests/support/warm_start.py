@@ -127,6 +127,12 @@ class Warm(Forked):
             words, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **pipes
         )
 
+    def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
+        """After a failure nobody would end it: it is killed, not waited for."""
+        if kind is not None:
+            self.kill()
+        super().__exit__(kind, *rest)
+
     def _execute_child(self, args: Sequence[str], *rest: Any) -> None:
         self._fork({"words": args}, rest)
 
