@@ -22,10 +22,7 @@ from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.port_split import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
-from jbclog.core.rows import EventRow, Severity
-
-Place = tuple[str, int]
-"""Station and port."""
+from jbclog.core.rows import EventRow, PortKey, Severity
 
 COLUMNS: Final = [
     "time",
@@ -47,8 +44,8 @@ class RunEvents:
     `changes` are ordered by time, corrected for the clock steps before them.
     """
 
-    alarms: dict[Place, list[EventRow]] = field(default_factory=dict)
-    changes: dict[Place, list[Change]] = field(default_factory=dict)
+    alarms: dict[PortKey, list[EventRow]] = field(default_factory=dict)
+    changes: dict[PortKey, list[Change]] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
 
 
@@ -102,11 +99,11 @@ def _text_or_none(text: object) -> str | None:
     return text if isinstance(text, str) else None
 
 
-def _initial_settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
+def _initial_settings(frame: pd.DataFrame) -> dict[PortKey, list[Change]]:
     """Return the watched settings of each port as read before sampling began; later changes are
     events.
     """
-    found: dict[Place, list[Change]] = {}
+    found: dict[PortKey, list[Change]] = {}
     rows = frame[
         frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()
     ]
@@ -131,7 +128,7 @@ def _micros(times: pd.Series) -> list[int | None]:
 class PortRows(NamedTuple):
     """Rows of one port in a piece of the samples; `flags` only if requested."""
 
-    place: Place
+    place: PortKey
     rows: Rows
     flags: list[FlagRead]
 
@@ -148,7 +145,7 @@ class PortSplitter:
     def __init__(
         self,
         steps: Sequence[Step],
-        flags_of: frozenset[Place],
+        flags_of: frozenset[PortKey],
         t0_utc: float | None,
         periods: Mapping[str, float | None],
     ) -> None:
@@ -156,9 +153,9 @@ class PortSplitter:
         self._t0_utc = t0_utc
         self._periods = periods
         self._flags_of = flags_of
-        self._unstepped: dict[Place, Unstepped] = {}
-        self._stepped_us: dict[Place, int] = {}
-        self._before_us: dict[Place, int] = {}
+        self._unstepped: dict[PortKey, Unstepped] = {}
+        self._stepped_us: dict[PortKey, int] = {}
+        self._before_us: dict[PortKey, int] = {}
 
     def split(self, piece: pa.Table) -> Iterator[PortRows]:
         """Yield the rows of each port that has any in this piece."""
@@ -167,7 +164,7 @@ class PortSplitter:
                 place, self._rows(place, own), _flags(own) if place in self._flags_of else []
             )
 
-    def _rows(self, place: Place, own: pa.Table) -> Rows:
+    def _rows(self, place: PortKey, own: pa.Table) -> Rows:
         times, status = own["time"].cast(pa.int64()).to_numpy(), own["status"]
         steps = self._steps_between(place, times, own["tick"][0].as_py()) if self._steps else {}
         read = pc.and_(pc.is_valid(status), pc.is_valid(own["temperature_c"]))
@@ -181,7 +178,7 @@ class PortSplitter:
             steps,
         )
 
-    def _steps_between(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
+    def _steps_between(self, place: PortKey, times: NDArray[np.int64], tick: int) -> dict[int, int]:
         """Return row -> size in µs of the clock step just before it."""
         seconds = times.astype(np.float64) / 1e6
         if place not in self._unstepped:

@@ -15,9 +15,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbclog.analysis.coded_texts import coded
+from jbclog.core.rows import PortKey
 
-Key = tuple[str, int]
-"""Station and port."""
 ROWS_OF_A_PORT: Final = 4096
 MOST_ROWS: Final = 262_144  # together, some 20 MB
 SMALL: Final = 256  # numbers of ports, and of stations in a piece, that fit into 8 bits
@@ -50,7 +49,7 @@ def _together(pieces: list[pa.Table]) -> pa.Table:
     return pa.concat_tables(pieces).unify_dictionaries().combine_chunks()
 
 
-def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
+def by_port(rows: pa.Table) -> Iterator[tuple[PortKey, pa.Table]]:
     """Yield the rows of each port in order; without a copy if there is only one."""
     found, places = sorted_by_port(rows)
     for key, place in places:
@@ -58,15 +57,15 @@ def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
 
 
 def sorted_by_port(
-    rows: pa.Table, wanted: Container[Key] | None = None
-) -> tuple[pa.Table, list[tuple[Key, slice]]]:
+    rows: pa.Table, wanted: Container[PortKey] | None = None
+) -> tuple[pa.Table, list[tuple[PortKey, slice]]]:
     """Return the rows, or those of `wanted` ports, sorted by port, and the slice of each port."""
     if not rows.num_rows:
         return rows, []
     names, ports = coded(rows["station"]), rows["port"].to_numpy()
     stations = names.indices.to_numpy()
 
-    def key_at(row: int) -> Key:
+    def key_at(row: int) -> PortKey:
         return names.dictionary[int(stations[row])].as_py(), int(ports[row])
 
     if (stations == stations[0]).all() and (ports == ports[0]).all():

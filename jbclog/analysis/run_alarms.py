@@ -17,7 +17,6 @@ import pyarrow as pa
 from jbclog.analysis.alarm_rows import (
     COLUMNS,
     FLAGS,
-    Place,
     PortSplitter,
     RunEvents,
     read_events,
@@ -30,7 +29,7 @@ from jbclog.analysis.alarms.match import Incident, Unknown, incidents
 from jbclog.analysis.alarms.state_machine import Detector, Episode
 from jbclog.analysis.port_split import gathered
 from jbclog.analysis.run_tables import RunTables
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.manifest import iso as manifest_iso
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
@@ -235,7 +234,7 @@ Span = tuple[int, int]
 
 def _sampled(
     run: RunTables, known: Mapping[str, StationFacts], events: RunEvents
-) -> tuple[dict[Place, SampledEpisodes], dict[Place, list[FlagRead]], dict[str, Span]]:
+) -> tuple[dict[PortKey, SampledEpisodes], dict[PortKey, list[FlagRead]], dict[str, Span]]:
     """Return, from one pass over the samples, the episodes by samples, the flags of ports that lost
     some, and the time recorded.
     """
@@ -246,8 +245,8 @@ def _sampled(
     )
     periods = {name: facts.period_s for name, facts in known.items()}
     splitter = PortSplitter(events.steps, losing, run.manifest.t0_utc, periods)
-    sampled = dict[Place, SampledEpisodes]()
-    reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
+    sampled = dict[PortKey, SampledEpisodes]()
+    reads, spans = dict[PortKey, list[FlagRead]](), dict[str, Span]()
     ports = sum(len(facts.ports) for facts in known.values())
     columns = [*COLUMNS, *(FLAGS if losing else ())]
     for piece in gathered(run.groups("samples", columns, coded=True), ports):
@@ -266,7 +265,7 @@ def _sampled(
     return sampled, reads, spans
 
 
-def _lost_flags(events: RunEvents) -> dict[Place, list[Unknown]]:
+def _lost_flags(events: RunEvents) -> dict[PortKey, list[Unknown]]:
     return {
         place: [
             Unknown(earliest_us(event), event.time) for event in alarms if event.kind == FLAGS_LOST

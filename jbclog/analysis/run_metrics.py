@@ -28,7 +28,6 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
-from jbclog.analysis.port_split import Key
 from jbclog.analysis.run_tables import RunTables, frame
 from jbclog.analysis.stored_tables import (
     JOINTS_SCHEMA,
@@ -42,7 +41,7 @@ from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
 from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.errors import RecordError
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 from jbclog.record.schema import FLOAT
@@ -207,7 +206,7 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
     memory.
     """
     reader = _reader(run, stations)
-    measuring: dict[Key, PortMeasuring] = {}
+    measuring: dict[PortKey, PortMeasuring] = {}
     every_setting = run.settings()
     for facts in stations:
         settings = every_setting[every_setting["station"] == facts.name]

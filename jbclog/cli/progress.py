@@ -18,7 +18,7 @@ from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
 from jbclog.core.clock import SystemClock
 from jbclog.core.goal import JOINTS, Goal
-from jbclog.core.rows import EventRow, Severity
+from jbclog.core.rows import EventRow, PortKey, Severity
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import units_text
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
     from jbclog.app.run.options import Metadata
-    from jbclog.live.joint_numbers import JointNumbers, Key
+    from jbclog.live.joint_numbers import JointNumbers
     from jbclog.live.states import Joints
     from jbclog.session.run.context import PortState, SessionContext
 
@@ -165,7 +165,7 @@ class Screen(Lines):
             " · ".join(title), COLUMNS, rows, self._printer.console.width, joints_notes(joints)
         )
 
-    def _joints_of(self, contexts: list[SessionContext]) -> dict[Key, Joints]:
+    def _joints_of(self, contexts: list[SessionContext]) -> dict[PortKey, Joints]:
         if self._joints is None:
             return {}
         found, rest = self._joints.look(has_ended=False), self._joints.not_counted
@@ -192,7 +192,7 @@ def coverage_text(due: int, obtained: int) -> str:
     return f"{floor(1000 * obtained / due) / 10:.1f} %"
 
 
-def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tuple[str, ...]]:
+def _cells(context: SessionContext, joints: Mapping[PortKey, Joints]) -> Iterator[tuple[str, ...]]:
     """Yield a row for each port of a recorded station; one row for a station that is not recorded.
 
     Alarms are counted per station, in its first row. Lost are readings that were due and not
@@ -241,7 +241,7 @@ def joints_text(joints: Joints | None) -> str:
     return "unknown" if joints.count is None else str(joints.count)
 
 
-def joints_notes(joints: Mapping[Key, Joints]) -> list[str]:
+def joints_notes(joints: Mapping[PortKey, Joints]) -> list[str]:
     """Return the age of an older count, and why joints are unknown: a line for each reason."""
     from jbclog.app.watch.words import joints_age
 

@@ -17,6 +17,9 @@ SCHEMA_VERSION: Final = 1
 TABLES: Final = ("samples", "events", "settings", "counters")
 """Tables of a run, defined in `record/schema.py`."""
 
+PortKey = tuple[str, int]
+"""Station and port."""
+
 SampleRow = list[object]
 """One tick of one port, in the order of `SAMPLE_COLUMNS`."""
 

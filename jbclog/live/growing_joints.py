@@ -33,8 +33,8 @@ from jbclog.analysis.verdict.evidence import not_read
 from jbclog.analysis.verdict.rules import has_tip
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
-from jbclog.core.rows import StationFacts
-from jbclog.live.joint_numbers import Counted, Key, PortCount
+from jbclog.core.rows import PortKey, StationFacts
+from jbclog.live.joint_numbers import Counted, PortCount
 from jbclog.live.run_follower import stations_of
 from jbclog.live.states import OF_TIPS_ONLY
 from jbclog.live.store_follower import Sealed, StoreFollower
@@ -53,7 +53,7 @@ class GrowingJoints:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._identified: dict[Key, PortFound] = {}
+        self._identified: dict[PortKey, PortFound] = {}
         self._stations: list[StationFacts] = []
         self._t0_utc: float | None = None
         self._store: StoreFollower | None = None
@@ -64,7 +64,7 @@ class GrowingJoints:
         if self._store is not None:
             self._store.close()
         self._store, self._stepped_s = None, 0.0
-        self._ports: dict[Key, GrowingPort] = {}
+        self._ports: dict[PortKey, GrowingPort] = {}
 
     def identify(self, through: int) -> Counted:
         """Identify the models in the rows up to a batch, and count. Raises `RecordError`."""
@@ -161,7 +161,7 @@ class _Found(NamedTuple):
 
     counted: Counted
     stations: list[StationFacts]
-    ports: dict[Key, PortFound]
+    ports: dict[PortKey, PortFound]
     t0_utc: float | None
 
 
@@ -207,7 +207,7 @@ def _port(facts: StationFacts, number: int, one: PortFound | None, ended_s: floa
     return _port_count((facts.name, number), found, why if one.rows else NOTHING_RECORDED)
 
 
-def _port_count(key: Key, found: int, why: str | None) -> PortCount:
+def _port_count(key: PortKey, found: int, why: str | None) -> PortCount:
     return PortCount(*key, found if why is None else None, found, why)
 
 

@@ -21,14 +21,13 @@ from jbclog.core.children import kill
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.rows import PortKey
 from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 
 KILL_S: Final = 0.5
 ENDED: Final = "the process that counts them ended"
 NOW: Final = b"now\n"
 LAST: Final = b"last\n"
-
-Key = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +176,7 @@ class JointNumbers:
         self._counted_at = 0.0
         self._asked_at_end = False
 
-    def look(self, *, has_ended: bool) -> Mapping[Key, Joints]:
+    def look(self, *, has_ended: bool) -> Mapping[PortKey, Joints]:
         """Return the latest numbers. `has_ended`: the run is finalized, so request a last count."""
         if self._counting.poll():
             self._counted_at = self._clock.monotonic()

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from jbclog.core.rows import SIGNAL_COLUMNS
+from jbclog.core.rows import SIGNAL_COLUMNS, PortKey
 from jbclog.live.states import Trace
 from jbclog.record.ledger import reasons_of
 
@@ -26,9 +26,6 @@ POWER: Final = "power_permille"
 SAME: Final = 1e-9  # tolerance, as a share of an interval: ticks times a period are not exact
 
 WIDEST: Final = 1 << 32  # above every port number
-
-Key = tuple[str, int]
-"""Station and port."""
 
 
 class Moment(NamedTuple):
@@ -136,7 +133,7 @@ class SampleHistory:
     """
 
     def __init__(self) -> None:
-        self.ports: defaultdict[Key, PortHistory] = defaultdict(PortHistory)
+        self.ports: defaultdict[PortKey, PortHistory] = defaultdict(PortHistory)
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
         """Add new rows. `periods`: seconds between ticks of each station, None: no grid."""
@@ -210,7 +207,7 @@ class _Rows:
         ticks, times = self._moments
         self.seconds = np.where(np.isnan(period), times / 1e6, ticks * period)
 
-    def last(self, column: str) -> Iterator[tuple[Key, Moment, object]]:
+    def last(self, column: str) -> Iterator[tuple[PortKey, Moment, object]]:
         """Yield the last value of a column for each port that has one."""
         values, places = self.rows[column], self._read(column)
         codes, from_end = np.unique(self._codes[places][::-1], return_index=True)
@@ -221,13 +218,13 @@ class _Rows:
         ):
             yield self._key(code), Moment(tick, time), value
 
-    def count(self, column: str) -> Iterator[tuple[Key, int]]:
+    def count(self, column: str) -> Iterator[tuple[PortKey, int]]:
         """Yield the number of values in a column for each port."""
         codes, counts = np.unique(self._codes[self._read(column)], return_counts=True)
         for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
             yield self._key(code), count
 
-    def sums(self, stretch_s: float) -> Iterator[tuple[Key, int, tuple[float, ...]]]:
+    def sums(self, stretch_s: float) -> Iterator[tuple[PortKey, int, tuple[float, ...]]]:
         """Yield sum and count of temperature and power for each port and interval."""
         if not len(self.rows):
             return
@@ -258,6 +255,6 @@ class _Rows:
             else np.arange(len(values))
         )
 
-    def _key(self, code: int) -> Key:
+    def _key(self, code: int) -> PortKey:
         station, port = divmod(code, WIDEST)
         return self._names[station], port

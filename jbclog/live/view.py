@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import PortKey, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import Heartbeat
-from jbclog.live.sample_history import MAIN, Key, Last, Moment, PortHistory, SampleHistory
+from jbclog.live.sample_history import MAIN, Last, Moment, PortHistory, SampleHistory
 from jbclog.live.states import (
     NOT_READ,
     RUN_ENDED,
@@ -52,7 +52,7 @@ class RunView:
     samples: SampleHistory
     events: EventHistory
     settings: SettingHistory
-    joints: Mapping[Key, Joints]
+    joints: Mapping[PortKey, Joints]
     not_counted: Joints
     damage: list[str]
     dropped_rows: int
@@ -170,7 +170,7 @@ class RunView:
             alarms_so_far=self.events.alarms_so_far(place),
         )
 
-    def _flags(self, place: Key, history: PortHistory) -> tuple[str, ...]:
+    def _flags(self, place: PortKey, history: PortHistory) -> tuple[str, ...]:
         """Report a lost answer with the alarm flags until the flags are read again."""
         lost, read = self.events.flags_lost_at(place), history.values.get(FLAG)
         is_lost = lost is not None and (read is None or read.moment.time <= lost)

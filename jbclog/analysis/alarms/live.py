@@ -20,7 +20,15 @@ from jbclog.analysis.alarms.state_machine import (
     Side,
     Transition,
 )
-from jbclog.core.rows import COLUMN, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.core.rows import (
+    COLUMN,
+    EventRow,
+    PortKey,
+    SampleRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+)
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
 _TEMPERATURE, _STATUS, _SET = (COLUMN[name] for name in ("temperature_c", "status", "set_c"))
@@ -34,9 +42,6 @@ _SEVERITY: Final = {
 
 RULES: Final = tuple(field.name for field in fields(Rules))
 
-Place = tuple[str, int]
-"""Station and port."""
-
 
 class LiveAlarms:
     """Detector B for all ports of a run; calls `emit` with its events."""
@@ -44,8 +49,8 @@ class LiveAlarms:
     def __init__(self, emit: Callable[[EventRow], None]) -> None:
         self._emit = emit
         self._facts: dict[str, StationFacts] = {}
-        self._watches: dict[Place, PortWatch] = {}
-        self._waiting: dict[Place, list[Change]] = {}  # for ports without a row yet
+        self._watches: dict[PortKey, PortWatch] = {}
+        self._waiting: dict[PortKey, list[Change]] = {}  # for ports without a row yet
         self._stepped_us = 0
 
     def facts(self, facts: StationFacts) -> None:
@@ -88,7 +93,7 @@ class LiveAlarms:
         self._watches[station, port] = watch
         return watch
 
-    def _change(self, place: Place, change: Change) -> None:
+    def _change(self, place: PortKey, change: Change) -> None:
         watch = self._watches.get(place)
         if watch is None:
             self._waiting.setdefault(place, []).append(change)

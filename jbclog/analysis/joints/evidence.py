@@ -34,13 +34,12 @@ from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
 from jbclog.analysis.joints.sweeps import Identified, PortSweeps
-from jbclog.analysis.port_split import Key
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.clock_steps import Step, steps_in
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
@@ -49,7 +48,7 @@ EDGE_S: Final = 1.0
 NOTHING_RECORDED: Final = "Nothing was recorded at all."
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
 EVENTS: Final = ["time", "kind", "value"]
-Evidence = dict[Key, PortJoints]
+Evidence = dict[PortKey, PortJoints]
 Read = Callable[[str, list[str]], Iterable[pa.Table]]
 """Reads these columns of a table of a run, in order, in pieces."""
 
@@ -86,7 +85,7 @@ def joint_evidence(
 
 def ports_found(
     folder: Path, read: Read, stations: Sequence[StationFacts], t0_utc: float | None
-) -> dict[Key, PortFound]:
+) -> dict[PortKey, PortFound]:
     """Return the joints of each port of these stations that has a tip.
 
     `read` returns the rows; `folder` has the recipes. Ports without a feeder are read in windows
@@ -95,7 +94,7 @@ def ports_found(
     with_tip = [facts for facts in stations if has_tip(facts)]
     clock = clock_steps(read), round((t0_utc or 0.0) * 1e6)
     options = {facts.name: options_of(joints_asked(folder, facts)) for facts in with_tip}
-    found: dict[Key, PortFound] = {}
+    found: dict[PortKey, PortFound] = {}
     in_windows = [facts for facts in with_tip if not has_feeder(facts)]
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
         reader = PortReader(some, partial(read, "samples"), *clock, MOST_ROWS)
@@ -111,7 +110,7 @@ def ports_found(
 
 def _in_windows(
     reader: PortReader, stations: Sequence[StationFacts], options: Mapping[str, JointOptions]
-) -> dict[Key, PortFound]:
+) -> dict[PortKey, PortFound]:
     ports = {
         (facts.name, port): PortSweeps(options[facts.name])
         for facts in stations
@@ -135,7 +134,7 @@ def _whole(
     stations: Sequence[StationFacts],
     read: Read,
     options: Mapping[str, JointOptions],
-) -> dict[Key, PortFound]:
+) -> dict[PortKey, PortFound]:
     found, counters = {}, {facts.name: _counters(read, facts.name) for facts in stations}
     for (name, port), (plain, utc_us) in reader.whole().items():
         counted = counters[name].filter(pc.equal(counters[name]["port"], port))

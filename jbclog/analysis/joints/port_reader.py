@@ -21,12 +21,12 @@ from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, Clock
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import SeenWindows, TakesRows, joined, placed
-from jbclog.analysis.port_split import Key, by_port, gathered, sorted_by_port
+from jbclog.analysis.port_split import by_port, gathered, sorted_by_port
 from jbclog.analysis.verdict.clock_steps import Step, nominal_period
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import WORKING, Counts
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.schema import SCHEMAS
 
 T = TypeVar("T")
@@ -90,48 +90,48 @@ class PortReader:
         most_rows: int,
         some: SomeGroups | None = None,
     ) -> None:
-        self._facts: dict[Key, StationFacts] = {
+        self._facts: dict[PortKey, StationFacts] = {
             (facts.name, port): facts for facts in stations for port in facts.ports
         }
         self._groups, self._steps, self._t0_us, self._most_rows = groups, steps, t0_us, most_rows
-        self._rows: dict[Key, int] | None = None
+        self._rows: dict[PortKey, int] | None = None
         # of a run that is known to be longer not even the first `most_rows` are kept
         self._is_long = most_rows < sum(map(rows_due, stations)) < inf
-        self._kept: list[tuple[Key, Series]] | None = None
+        self._kept: list[tuple[PortKey, Series]] | None = None
         self._some = some
         # only for a port alone: the times of its first and last row in each row group
         self._spans: list[tuple[float, float] | None] = []
-        self._last_s: dict[Key, float] = {}
+        self._last_s: dict[PortKey, float] = {}
         self._periods = self._read_periods()
         every = self._facts.values()
         spared = {TIME} if all(facts.period_s for facts in every) else set[str]()
         spared |= set() if any(map(has_feeder, every)) else {MOTOR}
         self._swept = [name for name in COLUMNS if name not in spared]
 
-    def clock(self, key: Key) -> Clock:
+    def clock(self, key: PortKey) -> Clock:
         """Return the clock that gives the seconds of a port's rows, from the first row on."""
         return Clock(self._facts[key].period_s, self._steps, self._t0_us)
 
-    def period_s(self, key: Key) -> float:
+    def period_s(self, key: PortKey) -> float:
         """Return the period of the grid in s, or the median interval between rows."""
         return self._periods[key]
 
-    def last_s(self, key: Key) -> float:
+    def last_s(self, key: PortKey) -> float:
         """Return the time of a port's last row in s; valid after the first sweep."""
         return self._last_s.get(key, 0.0)
 
-    def rows(self, key: Key) -> int:
+    def rows(self, key: PortKey) -> int:
         """Return the number of rows of a port; valid after the first sweep."""
         return (self._rows or {}).get(key, 0)
 
-    def like(self, key: Key) -> Series:
+    def like(self, key: PortKey) -> Series:
         """Return a series without rows, with everything else that the port's rows have in
         common.
         """
         rows = SCHEMAS["samples"].empty_table().select(COLUMNS)
         return raw_series(self._facts[key], rows, self.clock(key), self._periods[key])
 
-    def whole(self) -> dict[Key, tuple[Series, Counts]]:
+    def whole(self) -> dict[PortKey, tuple[Series, Counts]]:
         """Return all rows of each port, and their UTC in microseconds, for what needs the whole
         record.
         """
@@ -152,10 +152,10 @@ class PortReader:
             for key in self._facts
         }
 
-    def _complete(self, key: Key, series: Series) -> Series:
+    def _complete(self, key: PortKey, series: Series) -> Series:
         return replace(series, period_s=self._facts[key].period_s or nominal_period(series.seconds))
 
-    def sweep(self, ports: Mapping[Key, Sweeps]) -> None:
+    def sweep(self, ports: Mapping[PortKey, Sweeps]) -> None:
         """Show the rows of these ports as often as each of them needs."""
         while taking := {
             key: windows
@@ -168,7 +168,7 @@ class PortReader:
             for windows in taking.values():
                 windows.end()
 
-    def utc_us(self, moments: Mapping[Key, Floats]) -> dict[Key, Counts]:
+    def utc_us(self, moments: Mapping[PortKey, Floats]) -> dict[PortKey, Counts]:
         """Return the UTC in microseconds of the rows at or next after these moments, else of the
         last row.
         """
@@ -185,18 +185,18 @@ class PortReader:
             found[key][first:stop], found[key][stop:], known[key] = times[places], times[-1], stop
         return {key: found[key][place] for key, (_, place) in wanted.items()}
 
-    def _read_periods(self) -> dict[Key, float]:
+    def _read_periods(self) -> dict[PortKey, float]:
         """Return the period of each port; without a grid, from the times of its rows."""
         periods = {key: facts.period_s or 0.0 for key, facts in self._facts.items()}
         steps = {key: Values(STEP_DECIMALS) for key, period in periods.items() if not period}
-        last: dict[Key, Floats] = {}
+        last: dict[PortKey, Floats] = {}
         for key, seconds, _ in self._times() if steps else ():
             if key in steps and len(seconds):
                 steps[key].add(np.diff(np.concatenate([last.get(key, np.empty(0)), seconds])))
                 last[key] = seconds[-1:]
         return {**periods, **{key: some.median if some.n else 0.0 for key, some in steps.items()}}
 
-    def _times(self) -> Iterator[tuple[Key, Floats, Counts]]:
+    def _times(self) -> Iterator[tuple[PortKey, Floats, Counts]]:
         """Yield the seconds of the rows of each port, and their UTC in microseconds."""
         clocks = {key: self.clock(key) for key in self._facts}
         for group in self._groups(TIMES):
@@ -204,7 +204,7 @@ class PortReader:
                 times = micros(rows)
                 yield key, clocks[key].seconds(floats(rows["tick"]), times), times
 
-    def _pieces(self) -> Iterator[tuple[Key, Series]]:
+    def _pieces(self) -> Iterator[tuple[PortKey, Series]]:
         """Yield the rows of all ports; keep them for the next sweep if there are at most
         `most_rows`.
 
@@ -216,7 +216,7 @@ class PortReader:
         clocks = {key: self.clock(key) for key in self._facts}
         limits = self._rows
         rows, spans = dict.fromkeys(self._facts, 0), list[tuple[float, float] | None]()
-        kept: list[tuple[Key, Series]] | None = None if self._is_long else []
+        kept: list[tuple[PortKey, Series]] | None = None if self._is_long else []
         for group in gathered(self._groups(self._swept), len(self._facts)):
             found, places = sorted_by_port(group, self._facts)
             columns = _Columns.of(found, has_feeder=any(map(has_feeder, self._facts.values())))
@@ -239,7 +239,9 @@ class PortReader:
                 kept = None
         self._rows, self._kept, self._spans = rows, kept, spans
 
-    def _some_pieces(self, taking: Mapping[Key, TakesRows]) -> Iterator[tuple[Key, Series]] | None:
+    def _some_pieces(
+        self, taking: Mapping[PortKey, TakesRows]
+    ) -> Iterator[tuple[PortKey, Series]] | None:
         """Return the needed rows of a single port on a grid that was read before; None if all rows
         must be read.
         """
@@ -249,7 +251,7 @@ class PortReader:
             return None
         return self._needed(self._some, windows) if isinstance(windows, SeenWindows) else None
 
-    def _needed(self, some: SomeGroups, windows: SeenWindows) -> Iterator[tuple[Key, Series]]:
+    def _needed(self, some: SomeGroups, windows: SeenWindows) -> Iterator[tuple[PortKey, Series]]:
         ((key, facts),) = self._facts.items()
         clock = self.clock(key)
 
@@ -263,7 +265,7 @@ class PortReader:
             for _, place in places:
                 yield key, _series(facts, columns.rows(place), clock, self._periods[key])
 
-    def _split(self, group: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
+    def _split(self, group: pa.Table) -> Iterator[tuple[PortKey, pa.Table]]:
         """Yield the rows of each of these ports in a row group."""
         return ((key, rows) for key, rows in by_port(group) if key in self._facts)
 

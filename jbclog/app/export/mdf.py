@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from jbclog.analysis.joints.port_rows import Clock
 from jbclog.analysis.run_metrics import clock_steps
 from jbclog.app.export.source import SCHEMA_OF, Source
-from jbclog.core.rows import SIGNAL_OF_COLUMN, StationFacts
+from jbclog.core.rows import SIGNAL_OF_COLUMN, PortKey, StationFacts
 from jbclog.core.text import clean
 
 VERSION: Final = "4.10"
@@ -37,7 +37,6 @@ MASTER: Final = {"alarms": "onset"}
 
 Values = NDArray[Any]
 Bits = NDArray[np.bool_]
-Key = tuple[str, int]
 
 
 class Channel(Protocol):
@@ -207,8 +206,8 @@ class _Samples:
         self._facts = {facts.name: facts for facts in source.run.stations}
         needs_steps = any(not facts.period_s for facts in self._facts.values())
         self._steps, self._t0_us = clock_steps(source.run) if needs_steps else [], t0_us
-        self._groups: dict[Key, tuple[Group, Clock]] = {}
-        self._held: dict[Key, list[pa.Table]] = {}
+        self._groups: dict[PortKey, tuple[Group, Clock]] = {}
+        self._held: dict[PortKey, list[pa.Table]] = {}
 
     def hold(self, piece: pa.Table) -> None:
         for station, port, rows in _ports_in(piece):
@@ -231,7 +230,7 @@ class _Samples:
         for group, _ in self._groups.values():
             group.finish(file)
 
-    def _new(self, key: Key) -> tuple[Group, Clock]:
+    def _new(self, key: PortKey) -> tuple[Group, Clock]:
         facts = self._facts.get(key[0])
         about = (
             ""

@@ -10,13 +10,13 @@ from typing import Final
 
 from jbclog.app.watch import words
 from jbclog.app.watch.batch_queue import BatchQueue
+from jbclog.core.rows import PortKey
 from jbclog.core.text import cleaned, json_line
 from jbclog.live import PortState, RunState, StationState, Trace
 
 SHOWN_EVENTS: Final = 200
 SAME_S: Final = 1e-6
 
-Key = tuple[str, int]
 Json = dict[str, object]
 
 
@@ -29,7 +29,7 @@ class Feed:
         self._no_run = no_run  # shown without a run
         self._state: RunState | None = None
         self._queues: Sequence[BatchQueue] = ()
-        self._sent: dict[Key, float] = {}  # `last_s` of each trace
+        self._sent: dict[PortKey, float] = {}  # `last_s` of each trace
 
     def whole(self) -> str:
         """Return the last state with all traces."""
@@ -62,7 +62,7 @@ class Feed:
 
 
 def _message(
-    state: RunState, queues: Sequence[BatchQueue], sent: dict[Key, float], *, is_whole: bool
+    state: RunState, queues: Sequence[BatchQueue], sent: dict[PortKey, float], *, is_whole: bool
 ) -> str:
     data: Json = {
         "run": words.run_line(state),

@@ -6,7 +6,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbclog.analysis.port_split import ROWS_OF_A_PORT, Key, by_port, gathered, sorted_by_port
+from jbclog.analysis.port_split import ROWS_OF_A_PORT, by_port, gathered, sorted_by_port
+from jbclog.core.rows import PortKey
 
 STATIONS = [f"dde-{number}" for number in range(300)]
 
@@ -24,8 +25,8 @@ def rows_of(count: int, stations: int, ports: int, seed: int, *, coded: bool = T
     )
 
 
-def expected(rows: pa.Table) -> dict[Key, list[int]]:
-    found: dict[Key, list[int]] = {}
+def expected(rows: pa.Table) -> dict[PortKey, list[int]]:
+    found: dict[PortKey, list[int]] = {}
     for row in rows.to_pylist():
         found.setdefault((row["station"], row["port"]), []).append(row["tick"])
     return found
