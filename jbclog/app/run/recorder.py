@@ -148,7 +148,7 @@ class Recorder:
         self._run_record.begin()
         self._goals.begin(self._run_record.folder)
         for left in self._left_over:
-            # left over by an earlier run: an event here, not a deviation of this one
+            # by an earlier run: no deviation of this one, unless a tool may still be hot
             self._note(
                 "guard.left_over",
                 left.text,
