@@ -22,7 +22,7 @@ from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.port_split import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
-from jbclog.core.rows import EventRow, PortKey, Severity
+from jbclog.core.rows import EventRow, PortKey, severity_of
 
 COLUMNS: Final = [
     "time",
@@ -84,7 +84,7 @@ def _event_rows(frame: pd.DataFrame) -> Iterator[EventRow]:
         yield EventRow(
             cast(int, time),
             kind,
-            Severity(severity),
+            severity_of(severity),
             text,
             _text_or_none(station),
             None if pd.isna(port) else int(port),

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import asdict
+from typing import Final
 
 import pandas as pd
 
 from jbclog.analysis.compare import Comparison, SameIdle
 from jbclog.analysis.spc import Refused
+
+MOST_SETTINGS: Final = 200
 
 
 def lines(found: Comparison) -> Iterator[str]:
@@ -24,12 +27,14 @@ def lines(found: Comparison) -> Iterator[str]:
     )
     if len(found.settings):
         yield from ("", "Settings as read back, first | second:")
-        for row in found.settings.to_dict("records"):
+        for row in found.settings.head(MOST_SETTINGS).to_dict("records"):
             place = f"{row['station']} port {row['port']}" if row["port"] else row["station"]
             yield (
                 f"  {place}  {row['setting']}: {_or_none(row['first'])} | {_or_none(row['second'])}"
                 f" {row['unit']}"
             )
+        if (more := len(found.settings) - MOST_SETTINGS) > 0:
+            yield f"  and {more} more; --json lists all"
     yield from ("", "Metrics, first | second (difference):")
     yield from _metric_lines(found)
     yield from ("", "Alarm episodes, first | second:")

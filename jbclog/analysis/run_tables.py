@@ -47,7 +47,7 @@ Times = Sequence[object] | pd.Series | pd.DatetimeIndex
 
 HELD_ROWS: Final = 500_000  # rows of a live store in memory at once
 # bytes of events, settings or counters: half a million events, more than a million counters
-MOST_WHOLE: Final = 128 << 20
+MOST_WHOLE: Final = {"events": 128 << 20, "settings": 32 << 20, "counters": 128 << 20}
 MOST_SAID: Final = 2000  # characters of a warning
 LEFT_OUT: Final = (
     "These rows are left out; `jbclog recover` finishes the run and keeps its live store in"
@@ -418,9 +418,10 @@ class RunTables:
         for piece in self._groups(selection):
             pieces.append(piece)
             size += piece.nbytes
-            if size > MOST_WHOLE and selection.table != "samples":
+            most = MOST_WHOLE.get(selection.table)
+            if most is not None and size > most:
                 why = (
-                    f"{self.folder}: its {selection.table} take more than {MOST_WHOLE >> 20} MiB"
+                    f"{self.folder}: its {selection.table} take more than {most >> 20} MiB"
                     " and are not read as a whole"
                 )
                 raise RecordError(f"{why}; `stream` reads them in pieces")

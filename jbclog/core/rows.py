@@ -90,6 +90,16 @@ class Severity(StrEnum):
     CRITICAL = "critical"
 
 
+def severity_of(text: str) -> Severity:
+    """Return the severity of a recorded event; one that this jbclog does not know, as of a newer
+    one, is shown as needing attention.
+    """
+    try:
+        return Severity(text)
+    except ValueError:
+        return Severity.WARNING
+
+
 class EventRow(NamedTuple):
     """One event. Times are UTC microseconds; it happened between `earliest` and its time."""
 

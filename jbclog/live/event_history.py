@@ -7,7 +7,7 @@ from typing import Final
 
 import pyarrow as pa
 
-from jbclog.core.rows import EventRow, Severity
+from jbclog.core.rows import EventRow, severity_of
 from jbclog.live.states import Counter, NumberedEvent, Setting
 from jbclog.record.units import BEGIN, END
 
@@ -121,10 +121,7 @@ class EventHistory:
 def _event(row: dict[str, object], time: int, earliest: int | None) -> EventRow:
     names = ("station", "port", "code", "value", "limit", "raw")
     more = {name: row[name] for name in names}
-    try:
-        severity = Severity(str(row["severity"]))
-    except ValueError:  # a kind of a newer jbclog: shown as needing attention
-        severity = Severity.WARNING
+    severity = severity_of(str(row["severity"]))
     return EventRow(time, str(row["kind"]), severity, str(row["text"]), earliest=earliest, **more)  # type: ignore[arg-type]
 
 

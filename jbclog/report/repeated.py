@@ -86,7 +86,7 @@ def _of_tables(run: Run) -> dict[str, Any]:
         "events_left": events[1],
         "settings": by_station(settings[0], names),
         "settings_left": settings[1],
-        "counters": by_station(counter_rows(run.counters()), names),
+        "counters": by_station(counter_rows(run.counters(), run.folder), names),
         "ledger": by_station(ledger, names),
         "ledger_reasons": reasons,
     }

@@ -219,10 +219,13 @@ def test_a_live_store_of_many_rows_is_read_in_pieces_and_said_so(
         pieces = [*run.stream()]
     assert max(map(len, pieces)) <= ROWS_A_GROUP
     assert sum(map(len, pieces)) == len(whole) == 80_000
-    monkeypatch.setattr(run_tables, "MOST_WHOLE", 0)
+    monkeypatch.setitem(run_tables.MOST_WHOLE, "events", 0)
     assert len(run.samples()) == 80_000
     with pytest.raises(RecordError, match="not read as a whole"):
         jbclog.open_run(make_run(tmp_path, 5.0)).events()
+    monkeypatch.setitem(run_tables.MOST_WHOLE, "settings", 0)
+    with pytest.raises(RecordError, match="settings take more than 0 MiB"):
+        jbclog.open_run(make_run(tmp_path / "other", 5.0)).settings()
 
 
 def test_a_damaged_index_is_probed_no_further_than_the_file_reaches(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.trace import Limit, Mark, MarkKind
@@ -17,7 +18,8 @@ SIDES = ("high", "low")
 NAMES = [f"alarm_{side}_{what}" for side in SIDES for what in ("limit", "delay")]
 Place = tuple[str, int | None]
 """Station and port."""
-ENDS = {"station.error": "station.ok", "port.error": "port.ok", "robot.off": "robot.on"}
+OF_END = {"station.ok": "station.error", "port.ok": "port.error", "robot.on": "robot.off"}
+"""The error that an event ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,24 +38,15 @@ class Happening:
 
 def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
     """Return all events on the time axis, corrected for steps of the wall clock."""
-    stepped, out = 0.0, []
-    for event in events.to_dict("records"):
-        if event["kind"] == "clock.step" and not pd.isna(event["value"]):
-            stepped += float(event["value"])
-        end = _seconds(event["time"], t0_utc_us) - stepped
-        start = (
-            end
-            if pd.isna(event["earliest"])
-            else min(end, _seconds(event["earliest"], t0_utc_us) - stepped)
-        )
-        place = (
-            _text(event["station"]),
-            _whole(event["port"]),
-            _whole(event["code"]),
-            _text(event["raw"]),
-        )
-        out.append(Happening(start, end, str(event["kind"]), str(event["severity"]), *place))
-    return out
+    is_step = events["kind"].eq("clock.step").fillna(False)
+    stepped = events["value"].where(is_step).fillna(0.0).cumsum().to_numpy(np.float64)
+    ends = _seconds_of(events["time"], t0_utc_us) - stepped
+    starts = np.fmin(ends, _seconds_of(events["earliest"], t0_utc_us) - stepped)
+    others = (
+        events[name].astype(object).where(events[name].notna(), None)
+        for name in ("kind", "severity", "station", "port", "code", "raw")
+    )
+    return [Happening(*one) for one in zip(starts.tolist(), ends.tolist(), *others, strict=True)]
 
 
 def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
@@ -71,12 +64,7 @@ def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[M
         for one in own
         if one.kind == "alarm.unconfirmed"
     ]
-    errors = [
-        _error(one, own[i + 1 :])
-        for i, one in enumerate(own)
-        if one.kind in ERRORS and one.code != 0
-    ]
-    return [*alarms, *doubtful, *errors]
+    return [*alarms, *doubtful, *_errors(own)]
 
 
 def is_alarm(one: Happening) -> bool:
@@ -84,21 +72,20 @@ def is_alarm(one: Happening) -> bool:
     return one.kind in COUNTED_ALARMS and one.severity in SEVERE
 
 
-def _error(one: Happening, later: Sequence[Happening]) -> Mark:
-    """Return the error from its earliest time to the reading that ended or changed it, else to its
+def _errors(own: Sequence[Happening]) -> list[Mark]:
+    """Return each error from its earliest time to the reading that ended or changed it, else to its
     own time.
     """
-    following = (one.kind, ENDS[one.kind])
-    end = next(
-        (other.end for other in later if other.kind in following and other.port == one.port),
-        one.end,
-    )
-    word = (
-        one.kind.replace(".", " ")
-        if one.code is None
-        else f"{one.kind.replace('.', ' ')} {one.code}"
-    )
-    return Mark(Span(one.start, end, word), MarkKind.ERROR)
+    found: list[Mark] = []
+    next_end: dict[tuple[str, int | None], float] = {}  # of an error's kind: of what follows it
+    for one in reversed(own):
+        kind = OF_END.get(one.kind, one.kind)
+        if one.kind in ERRORS and one.code != 0:
+            end = next_end.get((kind, one.port), one.end)
+            word = one.kind.replace(".", " ") + ("" if one.code is None else f" {one.code}")
+            found.append(Mark(Span(one.start, end, word), MarkKind.ERROR))
+        next_end[kind, one.port] = one.end
+    return found[::-1]
 
 
 def limits_of(settings: pd.DataFrame, t0_utc_us: int) -> dict[Place, list[Limit]]:
@@ -131,12 +118,14 @@ def _celsius(text: str) -> float:
         return float("nan")
 
 
+def _seconds_of(times: pd.Series, t0_utc_us: int) -> NDArray[np.float64]:
+    """Return times in s of the run; NaN for a missing one."""
+    micros = times.dt.as_unit("us").astype("int64").to_numpy()
+    return np.where(times.isna(), np.nan, (micros - t0_utc_us) / 1e6)
+
+
 def _seconds(time: pd.Timestamp, t0_utc_us: int) -> float:
     return (round(time.timestamp() * 1e6) - t0_utc_us) / 1e6
-
-
-def _text(value: object) -> str | None:
-    return None if pd.isna(value) else str(value)  # type: ignore[call-overload]  # one cell
 
 
 def _whole(value: object) -> int | None:

@@ -20,6 +20,7 @@ from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.text import BOM
 
 # the name required by "Model for Tabular Data and Metadata on the Web", section 5
+ROWS_AT_ONCE: Final = 32_768
 METADATA: Final = "csv-metadata.json"
 NAMESPACE: Final = "http://www.w3.org/ns/csvw"
 DATATYPES: Final[Mapping[pa.DataType, str]] = {
@@ -51,7 +52,8 @@ def _write_table(source: Source, table: str, path: Path) -> int:
         file.write(BOM.encode())
         _write(SCHEMA_OF[table].empty_table(), file, header=True)
         for piece in source.pieces(table):
-            _write(piece, file, header=False)
+            for start in range(0, piece.num_rows, ROWS_AT_ONCE):
+                _write(piece.slice(start, ROWS_AT_ONCE), file, header=False)
             rows += piece.num_rows
     return rows
 

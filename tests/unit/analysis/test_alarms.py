@@ -17,6 +17,7 @@ from jbclog.record.annotations import append, read
 from support.invoked import invoked
 from support.records import small_run
 from support.records.alarm_series import STATION, Series, being_recorded, random_series, recorded
+from support.records.sealed_run import alarm, samples, seal, station, table
 from support.virtual.manual import Ended
 from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, line_text
@@ -283,3 +284,14 @@ def test_an_open_run_is_shown_and_not_acknowledged(tmp_path: Path) -> None:
         refused = jbclog("alarms", "ack", folder, name, "--by", "A", "--reason", "B")
     assert refused.code == 4
     assert "is not sealed" in refused.err
+
+
+@pytest.mark.parametrize("kind", ["alarm.high", "setting.changed", "clock.step"])
+def test_events_of_an_unknown_severity_count_like_others(tmp_path: Path, kind: str) -> None:
+    """As of a newer jbclog, or of a forged part; it was an internal error."""
+    found = []
+    for severity in ("warning", "grave"):
+        told = alarm(26)._replace(kind=kind, severity=severity)  # type: ignore[arg-type]
+        run = seal(tmp_path / severity, [station(rows=600)], table(samples(600)), [told])
+        found.append(open_run(run).alarms().drop(columns="episode"))
+    pd.testing.assert_frame_equal(*found)

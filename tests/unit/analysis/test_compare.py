@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from jbclog.analysis import spc
+from jbclog.analysis import compare_words, spc
 from jbclog.analysis.compare import Comparison, compare
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError, UsageError
@@ -49,6 +49,18 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
         metadata=told(operator="B. Bianchi"),
     )
     return out
+
+
+def test_of_many_settings_that_differ_some_are_printed_and_all_are_in_json(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, last = runs(home)[0], runs(home)[2]
+    assert "alarm_high_limit" in "".join(invoked("compare", first, last).stdout)
+    monkeypatch.setattr(compare_words, "MOST_SETTINGS", 0)
+    ended = invoked("compare", first, last)
+    assert "and 1 more; --json lists all" in ended.stdout
+    assert "alarm_high_limit" not in ended.stdout
+    assert "alarm_high_limit" in invoked("compare", first, last, "--json").stdout
 
 
 def runs(home: Path) -> list[Path]:

@@ -53,6 +53,14 @@ def written(path: Path, rows: pa.Table = ROWS) -> Path:
     return path
 
 
+def test_row_groups_without_end_are_refused(tmp_path: Path) -> None:
+    """Each takes a millisecond, however few rows it has."""
+    most, path = tables.FREE_GROUPS, tmp_path / "a.parquet"
+    assert read_small(written(path, pa.concat_tables([ROWS] * (most // 2)))).num_rows == most
+    with pytest.raises(NotReadable, match=rf"{most + 2} row groups for {most + 2} rows; at most"):
+        read_small(written(path, pa.concat_tables([ROWS] * (most // 2 + 1))))
+
+
 def footer_of(data: bytes) -> bytes:
     length = TAIL.unpack(data[-TAIL.size :])[0]
     return data[-TAIL.size - length : -TAIL.size]
@@ -100,14 +108,14 @@ def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int
 
 def test_the_headers_of_a_long_record_are_parsed_once(tmp_path: Path) -> None:
     """A report reads a week's samples several times, some 5000 page headers each time."""
-    first = {"a": 0, "b": 1000, "c": 2000, "d": 3000}  # else columns would have the same pages
-    rows = pa.table({name: range(begin, begin + 700) for name, begin in first.items()})
+    # with other values in each column: else they would have the same pages
+    rows = pa.table({f"{begin}": range(begin, begin + 60) for begin in range(0, 4500, 100)})
     path = written(tmp_path / "a.parquet", rows)
 
     def parsed() -> int:
         before = parquet_pages._usual_head.cache_info().misses
         with open_table(path) as table:
-            assert sum(len(group) for group in table.groups()) == 700
+            assert sum(len(group) for group in table.groups()) == 60
         return parquet_pages._usual_head.cache_info().misses - before
 
     assert parsed() > 5000

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from jbclog.analysis.run import open_run
+from jbclog.core.errors import RecordError
 from jbclog.core.rows import CounterRow, EventRow, Severity
+from jbclog.report import tables
 from jbclog.report.tables import (
     MOST_EVENTS,
     by_station,
@@ -31,6 +35,19 @@ def test_of_too_many_events_the_gravest_are_kept_in_order_and_the_rest_is_counte
     assert left is not None
     assert left.rows == 51
     assert rows == sorted(rows, key=lambda row: str(row["time"]))
+
+
+def test_of_a_severity_that_is_not_known_it_is_shown_as_a_warning(tmp_path: Path) -> None:
+    """As of a newer jbclog, or of a forged part."""
+    told = [
+        EventRow(micros(i), "x", severity, "x", "dde-1")
+        for i, severity in enumerate([Severity.INFO] * MOST_EVENTS + [Severity.ERROR] * 2)
+    ]
+    events = open_run(seal(tmp_path, [station()], table(), told)).events()
+    events["severity"] = ["info"] * (MOST_EVENTS - 1) + ["grave", "info", "error"]
+    rows, left = event_rows(events)
+    assert left is not None
+    assert [row["severity"] for row in rows[-3:]] == ["info", "grave", "error"]
 
 
 def test_events_keep_what_is_missing_missing(tmp_path: Path) -> None:
@@ -83,6 +100,28 @@ def test_a_setting_read_again_and_found_the_same_is_not_repeated(tmp_path: Path)
     assert left.rows == 3
 
 
+def test_of_too_many_settings_the_first_are_shown_and_the_rest_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, "MOST_SETTINGS", 2)
+    different = [limit("high", f"{380 + number}") for number in range(4)]
+    rows, left = setting_rows(
+        open_run(seal(tmp_path, [station()], table(), settings=different)).settings()
+    )
+    assert [row["readback"] for row in rows] == ["380", "381"]
+    assert left is not None
+    assert (left.rows, left.text) == (2, "further readings are in settings/.")
+
+
+def test_too_many_counters_are_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tables, "MOST_COUNTERS", 2)
+    told = [counter(name, 1.0) for name in ("work_h", "plugged_h", "sleep_h", "work_h")]
+    read = open_run(seal(tmp_path, [station()], table(), counters=told)).counters()
+    with pytest.raises(RecordError, match="has 3 counters; a report has at most 2"):
+        counter_rows(read, tmp_path)
+    assert len(counter_rows(read[read["counter"] != "sleep_h"], tmp_path)) == 2
+
+
 def counter(name: str, value: float | None, raw: str = "00001", second: float = 0) -> CounterRow:
     return CounterRow(micros(second), "dde-1", 1, name, value, "h", raw)
 
@@ -97,7 +136,7 @@ def test_counters_at_start_and_end(tmp_path: Path) -> None:
     rows = {
         str(row["counter"]): row
         for row in counter_rows(
-            open_run(seal(tmp_path, [station()], table(), counters=told)).counters()
+            open_run(seal(tmp_path, [station()], table(), counters=told)).counters(), tmp_path
         )
     }
     assert (rows["work_h"]["first"], rows["work_h"]["last"], rows["work_h"]["difference"]) == (

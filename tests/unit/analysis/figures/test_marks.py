@@ -46,6 +46,20 @@ def test_an_error_lasts_until_the_station_says_that_it_is_gone(tmp_path: Path) -
     assert marks(tmp_path, *told) == [("error", Span(10, 20, "port error 9"))]
 
 
+def test_an_error_lasts_until_another_one_takes_its_place(tmp_path: Path) -> None:
+    told = [
+        event(10, "port.error", code=9),
+        event(14, "port.error", code=7),
+        event(20, "port.error", code=0),
+        event(25, "port.error", code=9),
+    ]
+    assert marks(tmp_path, *told) == [
+        ("error", Span(10, 14, "port error 9")),
+        ("error", Span(14, 20, "port error 7")),
+        ("error", Span(25, 25, "port error 9")),
+    ]
+
+
 def test_an_error_of_the_station_is_marked_at_each_of_its_ports_and_at_no_others(
     tmp_path: Path,
 ) -> None:

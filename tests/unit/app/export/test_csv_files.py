@@ -114,3 +114,12 @@ def test_only_the_tables_that_were_chosen(run: jbclog.Run, place: Path) -> None:
         "joints.csv",
         csv_files.METADATA,
     }
+
+
+def test_a_table_written_in_shares_is_the_same(
+    folder: Path, source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(csv_files, "ROWS_AT_ONCE", 100)
+    csv_files.write(source, tmp_path / "out")
+    for path in folder.iterdir():
+        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
