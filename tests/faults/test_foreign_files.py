@@ -46,7 +46,7 @@ PATHS = (
         "guard.lock",
         "damage.jsonl",
         "line.toml",
-        "recipes/sn100c-tht.toml",
+        "recipes/tht.toml",
     ),
     *(
         "samples/part-0000.parquet",
@@ -247,7 +247,7 @@ SLICE = [
     ("samples/part-0000.parquet", "many rows", BAD),
     (NAME, "t0_utc = 1e308", BAD),
     (NAME, "ended = no time", BAD),
-    ("recipes/sn100c-tht.toml", "dotted key", BAD),
+    ("recipes/tht.toml", "dotted key", BAD),
     ("samples/part-0000.parquet", "nested station", BAD),
     ("samples/part-0000.parquet", "empty pages that all row groups share", BAD),
     ("samples/part-0000.parquet", "a station of its own in each row", BAD),
@@ -286,6 +286,20 @@ def test_a_report_of_a_run_whose_record_does_not_say_its_line(tmp_path: Path) ->
     folder = few_rows.abandoned(tmp_path)
     recover(folder)
     assert "<dt>Line</dt><dd>not known</dd>" in write_report(folder).read_text(encoding="utf-8")
+
+
+def test_the_paths_of_the_matrix_are_files_of_its_runs(kept: Path) -> None:
+    """What is put beside a run's files is opened by few commands; a recipe once had another
+    name.
+    """
+    runs = [path for name in (BAD, CRASHED) for path in (kept / name).iterdir() if path.is_dir()]
+    there = {path for run in runs for path in (*PATHS, *EVERY) if (run / path).exists()}
+    beside = {
+        *("lease.json", "guard.jsonl", "damage.jsonl", "damaged", "wire", WIRE_NAME),
+        *("live.reserve", "live.sqlite-wal", "live.lock", "guard.lock", "metrics.parquet"),
+        "../verifications.jsonl",
+    }
+    assert {*PATHS, *EVERY} - there <= beside
 
 
 SILENT = ("where-used", "audit --runs", "start of the next run")  # their answer does not need it
@@ -372,7 +386,7 @@ def replaced_without_end(path: Path, made: Callable[[Path], None]) -> Iterator[N
         "samples/part-0000.parquet",
         "events/part-0000.parquet",
         "report.json",
-        "recipes/sn100c-tht.toml",
+        "recipes/tht.toml",
         "live.sqlite",
         "live.lock",
     ],

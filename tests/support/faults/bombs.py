@@ -357,7 +357,7 @@ BOMBS: Final[dict[str, dict[str, Bomb]]] = {
     "live.sqlite": STORES,
     "live.lock": LINES,
     "wire/a.tsv.gz": WIRES,
-    "recipes/sn100c-tht.toml": RECIPES,
+    "recipes/tht.toml": RECIPES,
 }
 """File of a run -> what is put in its place, by name."""
 
