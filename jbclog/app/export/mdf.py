@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from jbclog.analysis.joints.port_rows import Clock
 from jbclog.analysis.run_metrics import clock_steps
 from jbclog.app.export.source import SCHEMA_OF, Source
+from jbclog.core.errors import RecordError
 from jbclog.core.rows import SIGNAL_OF_COLUMN, PortKey, StationFacts
 from jbclog.core.text import clean
 
@@ -34,6 +35,8 @@ NO_TEXT: Final = "-"  # stands for null; readers take an empty text for none, an
 UTC_NAMES: Final = {"time": "time_utc"}  # `time` is the master
 MASTER: Final = {"alarms": "onset"}
 """Column with the time of a row; `time` in other tables."""
+
+MOST_CHOICES: Final = 16_384  # a conversion of MDF has at most 65 535
 
 Values = NDArray[Any]
 Bits = NDArray[np.bool_]
@@ -71,18 +74,28 @@ class Numbers:
 class Choices:
     """Recurring texts, as their numbers from 1 and a table of the texts; 0: null."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._numbers: dict[str | None, int] = {None: 0}
 
     def values(self, column: pa.ChunkedArray) -> Values:
         coded = column.combine_chunks().dictionary_encode()
+        self._expect_few(len(coded.dictionary))
         numbers = [
             self._numbers.setdefault(text and clean(text), len(self._numbers))
             for text in coded.dictionary.to_pylist()
         ]
+        self._expect_few(len(self._numbers))
         places = coded.indices.cast(pa.int64()).fill_null(len(numbers)).to_numpy()
         found: Values = np.array([*numbers, 0], dtype=np.uint32)[places]
         return found
+
+    def _expect_few(self, texts: int) -> None:
+        if texts > MOST_CHOICES:
+            raise RecordError(
+                f"{self._name} has more than {MOST_CHOICES} different texts; MDF has no room for"
+                " them, `--to csv` has"
+            )
 
     def conversion(self) -> Mapping[str, object]:
         texts = [(text or NO_TEXT).encode() for text in self._numbers]
@@ -120,14 +133,8 @@ class Group(NamedTuple):
     @classmethod
     def of(cls, name: str, comment: str, fields: Sequence[pa.Field], *, recur: bool) -> Group:
         """Return a group without rows. `recur`: its texts recur, else each is different."""
-        texts = Choices if recur else Texts
-        return cls(
-            clean(name),
-            clean(comment),
-            fields,
-            [texts() if pa.types.is_string(one.type) else Numbers(one) for one in fields],
-            [],
-        )
+        channels = [_channel(one, recur=recur) for one in fields]
+        return cls(clean(name), clean(comment), fields, channels, [])
 
     def add(self, file: MDF, seconds: Values, rows: pa.Table) -> None:
         """Append rows."""
@@ -154,6 +161,12 @@ class Group(NamedTuple):
             if table is not None and self.number:
                 one = Signal(np.zeros(1), np.zeros(1), name="x", conversion=dict(table))
                 file.groups[self.number[0]].channels[place].conversion = one.conversion
+
+
+def _channel(field: pa.Field, *, recur: bool) -> Channel:
+    if not pa.types.is_string(field.type):
+        return Numbers(field)
+    return Choices(field.name) if recur else Texts()
 
 
 def write(source: Source, path: Path) -> dict[str, int]:

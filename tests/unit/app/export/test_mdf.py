@@ -17,6 +17,7 @@ import pytest
 
 import jbclog
 from jbclog.app.export.source import Source
+from jbclog.core.errors import RecordError
 from jbclog.core.text import clean
 from jbclog.record.manifest import manifest_sha256
 from support.lazy import asammdf, mdf, mdfreader
@@ -155,7 +156,7 @@ def test_rows_written_in_many_stretches_are_the_same(
     pieces = [run.groups("samples", list(run.samples().columns))]
     rows = next(iter(pieces[0]))
     cut = [rows.slice(start, 170) for start in range(0, rows.num_rows, 170)]
-    monkeypatch.setattr(mdf, "HELD_ROWS", 200)
+    monkeypatch.setattr("jbclog.app.export.mdf.HELD_ROWS", 200)
     one = Source(run, ["samples"], is_checked=True)
     monkeypatch.setattr(one, "pieces", lambda table: iter(cut))
     mdf.write(one, tmp_path / "cut.mf4")
@@ -172,3 +173,12 @@ def test_rows_written_in_many_stretches_are_the_same(
                     number,
                 )
                 assert two[0].timestamps.tolist() == two[1].timestamps.tolist()
+
+
+def test_texts_that_do_not_recur_are_refused(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A forged part has another text in each row."""
+    monkeypatch.setattr("jbclog.app.export.mdf.MOST_CHOICES", 1)
+    with pytest.raises(RecordError, match="has more than 1 different texts; MDF has no room"):
+        mdf.write(source, tmp_path / "out.mf4")

@@ -40,7 +40,7 @@ def test_few_pieces_of_a_table_are_in_memory_at_once(
             yield copy
             del copy
 
-    monkeypatch.setattr(mdf, "HELD_ROWS", 4 * rows.num_rows)
+    monkeypatch.setattr("jbclog.app.export.mdf.HELD_ROWS", 4 * rows.num_rows)
     source = Source(run, ["samples"], is_checked=True)
     monkeypatch.setattr(source, "pieces", pieces)
     format_.write(source, tmp_path / "out")
