@@ -93,7 +93,7 @@ class Choices:
     def _expect_few(self, texts: int) -> None:
         if texts > MOST_CHOICES:
             raise RecordError(
-                f"{self._name} has more than {MOST_CHOICES} different texts; MDF has no room for"
+                f"{self._name} has more than {MOST_CHOICES} different texts; MDF has no space for"
                 " them, `--to csv` has"
             )
 

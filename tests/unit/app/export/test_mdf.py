@@ -180,5 +180,5 @@ def test_texts_that_do_not_recur_are_refused(
 ) -> None:
     """A forged part has another text in each row."""
     monkeypatch.setattr("jbclog.app.export.mdf.MOST_CHOICES", 1)
-    with pytest.raises(RecordError, match="has more than 1 different texts; MDF has no room"):
+    with pytest.raises(RecordError, match="has more than 1 different texts; MDF has no space"):
         mdf.write(source, tmp_path / "out.mf4")
