@@ -99,7 +99,7 @@ def counter_rows(counters: pd.DataFrame, folder: Path) -> list[Row]:
     if len(found) > MOST_COUNTERS:
         raise RecordError(
             f"{folder}: its table of counters has {len(found)} counters; a report has at most"
-            f" {MOST_COUNTERS}"
+            f" {MOST_COUNTERS}; `jbclog export {folder} --to csv` writes all"
         )
     ends = [number for rows in found.values() for number in (rows[0], rows[-1])]
     rows = plain_rows(counters.iloc[ends], COUNTER_COLUMNS)

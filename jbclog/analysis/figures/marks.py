@@ -94,10 +94,11 @@ def limits_of(settings: pd.DataFrame, t0_utc_us: int) -> dict[Place, list[Limit]
     """
     rows = settings[settings["setting"].isin(NAMES) & settings["readback"].notna()]
     found: dict[Place, dict[str, list[tuple[float, str]]]] = {}
-    columns = (rows[name] for name in ("station", "port", "setting", "time", "readback"))
-    for station, port, name, time, text in zip(*columns, strict=True):
+    columns = (rows[name] for name in ("station", "port", "setting", "readback"))
+    seconds = _seconds_of(rows["time"], t0_utc_us).tolist()
+    for station, port, name, text, at_s in zip(*columns, seconds, strict=True):
         own = found.setdefault((str(station), _whole(port)), {})
-        own.setdefault(str(name), []).append((_seconds(time, t0_utc_us), str(text)))
+        own.setdefault(str(name), []).append((at_s, str(text)))
     return {place: [*_limits(own)] for place, own in found.items()}
 
 
@@ -122,10 +123,6 @@ def _seconds_of(times: pd.Series, t0_utc_us: int) -> NDArray[np.float64]:
     """Return times in s of the run; NaN for a missing one."""
     micros = times.dt.as_unit("us").astype("int64").to_numpy()
     return np.where(times.isna(), np.nan, (micros - t0_utc_us) / 1e6)
-
-
-def _seconds(time: pd.Timestamp, t0_utc_us: int) -> float:
-    return (round(time.timestamp() * 1e6) - t0_utc_us) / 1e6
 
 
 def _whole(value: object) -> int | None:

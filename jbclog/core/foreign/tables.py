@@ -41,7 +41,7 @@ from jbclog.core.foreign.values import expect_values
 
 GROUP_ROWS: Final = 262_144
 FREE_GROUPS: Final = 64  # row groups of a file,
-ROWS_A_GROUP: Final = 512  # and one for so many rows: each takes a millisecond, however small
+ROWS_FOR_A_GROUP: Final = 512  # and one for so many rows: each takes a millisecond, however small
 THREADED_ROWS: Final = 4096  # threads are slower for fewer
 GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
 PLAIN_TEXTS: Final = (
@@ -251,7 +251,7 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], siz
     most = max((group.rows for group in groups), default=0)
     if most > GROUP_ROWS:
         raise NotReadable(f"has a row group of {most} rows; at most {GROUP_ROWS} are read")
-    most = FREE_GROUPS + metadata.num_rows // ROWS_A_GROUP
+    most = FREE_GROUPS + metadata.num_rows // ROWS_FOR_A_GROUP
     if len(groups) > most:
         raise NotReadable(
             f"has {len(groups)} row groups for {metadata.num_rows} rows; at most {most} are read"
