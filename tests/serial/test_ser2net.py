@@ -158,15 +158,19 @@ def rows_after_outage(folder: Path) -> int:
 
 def assert_rows_tell_the_outage(folder: Path, outages: int) -> None:
     """There are rows before the outage, rows without values during it, and rows after it, on one
-    grid without gaps, and its two events. On a busy computer the station may be lost once more.
+    grid without gaps, and its two events. On a busy computer the station may be lost once more, and
+    the run may end before it is back again.
     """
     samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
     assert (samples["tick"].diff().dropna() == 1).all()
     away = samples["quality"] == "disconnected"
     lost, back = (events.loc[events["kind"] == f"link.{it}", "time"] for it in ("lost", "back"))
-    assert len(lost) == len(back) == outages >= 1
+    assert len(lost) == outages >= 1
+    assert 1 <= len(back) >= outages - 1
+    is_away_at_end = len(back) < outages
+    ends = [*back, *events["time"].tail(1)][:outages]
     between = pd.Series(data=False, index=samples.index)
-    for begin, end in zip(lost, back, strict=True):
+    for begin, end in zip(lost, ends, strict=True):
         assert begin < end
         between |= samples["time"].between(begin, end, inclusive="neither")
     assert away[between].all()
@@ -174,7 +178,7 @@ def assert_rows_tell_the_outage(folder: Path, outages: int) -> None:
     # the tick in which it went may have been read
     assert samples.loc[away, "temperature_c"].isna().sum() >= away.sum() - outages
     assert not away.iloc[0]
-    assert not away.iloc[-1]
+    assert is_away_at_end or not away.iloc[-1]
     # before, away, after; one that is shorter than a tick may have no row
     assert 3 <= away.ne(away.shift()).cumsum().max() <= 1 + 2 * outages
 
