@@ -7,10 +7,10 @@ this jbclog cannot apply as that version did are listed and never count against 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
@@ -36,6 +36,7 @@ from jbclog.record.manifest import Manifest
 if TYPE_CHECKING:
     from jbclog.config.recipe import Recipe
 
+OF_RECOVERY: Final = (Verdict.INCONCLUSIVE, Verdict.NOT_JUDGED)
 Place = tuple[str, str | None, int | None]
 """A rule's name, station and port."""
 
@@ -116,9 +117,13 @@ def is_cut_off(manifest: Manifest) -> bool:
 
 
 def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
-    """Compare a run's sealed verdict with that of its record by the same version of the rules."""
-    if manifest.verdict is None or is_cut_off(manifest):
+    """Compare a run's sealed verdict with that of its record by the same version of the rules; of a
+    run that was cut off, with what `recover` gives.
+    """
+    if manifest.verdict is None:
         return VerdictCheck()
+    if is_cut_off(manifest):
+        return VerdictCheck([*_not_by_recovery(folder, manifest)])
     why = _why_not(folder, manifest)
     if why is not None:
         return VerdictCheck(
@@ -144,6 +149,21 @@ def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
         ],
         notes,
     )
+
+
+def _not_by_recovery(folder: Path, manifest: Manifest) -> Iterator[str]:
+    """Yield why `recover` never gave the verdict of this cut-off run: it accepts and rejects
+    nothing, and judges each run with limits.
+    """
+    if manifest.verdict not in OF_RECOVERY:
+        given = " or ".join(OF_RECOVERY)
+        yield f"verdict: was {manifest.verdict}, but a run that was cut off is {given}"
+    elif (
+        manifest.verdict == Verdict.NOT_JUDGED
+        and _why_not(folder, manifest) is None
+        and judge_again(folder, manifest).verdict is not Verdict.NOT_JUDGED
+    ):
+        yield f"verdict: was {manifest.verdict}, but its recipes have limits"
 
 
 def _not_kept_rules(manifest: Manifest) -> list[str]:

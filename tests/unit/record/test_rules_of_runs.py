@@ -138,6 +138,26 @@ def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("word", ["ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "accept"])
+def test_a_run_that_was_cut_off_has_no_such_verdict(tmp_path: Path, word: str) -> None:
+    folder = run_of("rejected", tmp_path)
+    manifest = replace(read_manifest(folder), exit_status="lost", verdict=word)
+    assert check_verdict(folder, manifest).differing == [
+        f"verdict: was {word}, but a run that was cut off is INCONCLUSIVE or NOT JUDGED"
+    ]
+    assert check_verdict(folder, replace(manifest, verdict="INCONCLUSIVE")).differing == []
+
+
+def test_a_run_that_was_cut_off_is_not_judged_only_without_limits(tmp_path: Path) -> None:
+    lost = {"exit_status": "lost", "verdict": "NOT JUDGED"}
+    folder = run_of("rejected", tmp_path)
+    assert check_verdict(folder, replace(read_manifest(folder), **lost)).differing == [
+        "verdict: was NOT JUDGED, but its recipes have limits"
+    ]
+    folder = run_of("not_judged", tmp_path)
+    assert check_verdict(folder, replace(read_manifest(folder), **lost)).differing == []
+
+
 def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
