@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,6 +136,45 @@ def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
     write_manifest(folder, manifest)
     assert check_verdict(folder, manifest).differing == [
         "verdict: was ACCEPT, its record gives REJECT"
+    ]
+
+
+def forged(folder: Path, change: Callable[[dict[str, object]], object]) -> list[str]:
+    """Change each rule of a verdict, and return what is found."""
+    manifest = read_manifest(folder)
+    for rule in manifest.verdict_rules:
+        change(rule)
+    return check_verdict(folder, manifest).differing
+
+
+def test_a_figure_of_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
+    folder = run_of("rejected", tmp_path)
+    found = forged(folder, lambda rule: rule.update(limit=1e9, observed=0.5))
+    assert "verdict, coverage" in {one.rpartition(" of ")[0] for one in found}
+    assert {one.partition(": was ")[0].rpartition(", ")[2] for one in found} == {
+        "limit",
+        "observed",
+    }
+    last_bits = forged(folder, lambda rule: rule.update(observed=nearly(rule["observed"])))
+    assert last_bits == []
+
+
+def nearly(value: object) -> object:
+    return value * (1 + 1e-12) if isinstance(value, float) else value
+
+
+@pytest.mark.parametrize("name", ["name", "station", "port", "result", "limit", "observed"])
+def test_a_rule_that_lacks_something_is_a_difference(tmp_path: Path, name: str) -> None:
+    assert forged(run_of("rejected", tmp_path), lambda rule: rule.pop(name)) != []
+
+
+def test_a_rule_that_is_there_twice_is_a_difference(tmp_path: Path) -> None:
+    """The page of a report would show both."""
+    folder = run_of("rejected", tmp_path)
+    manifest = read_manifest(folder)
+    manifest.verdict_rules.insert(0, {**manifest.verdict_rules[0], "result": "fail"})
+    assert check_verdict(folder, manifest).differing == [
+        "verdict, record: was fail and pass, its record gives pass"
     ]
 
 
