@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -28,6 +29,8 @@ COUNTER_COLUMNS = (*OF_COUNTER, "value", "raw")
 ALSO_NULL = pc.ScalarAggregateOptions(skip_nulls=False)
 ENDS = [(name, end, ALSO_NULL) for name in ("value", "raw") for end in ("first", "last")]
 SETTING_COLUMNS = tuple(SCHEMAS["settings"].names)
+# a setting that is not as the recipe has it comes before these, also one that is not known here
+OF_NO_WEIGHT = {"confirmed": 1, "unchanged": 1, "read": 2}
 GRAVITY = {severity: place for place, severity in enumerate(reversed(Severity))}
 
 
@@ -76,8 +79,8 @@ def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
-    """Return requested settings, and each reading that differs from the one before it; at most
-    `MOST_SETTINGS`.
+    """Return requested settings, and each reading that differs from the one before it; of more than
+    `MOST_SETTINGS` those that the verdict goes by.
     """
     columns = ("station", "port", "tool", "setting", "outcome", "readback")
     kept: list[int] = []
@@ -87,8 +90,13 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
         if outcome != "read" or key not in last or last[key] != readback:
             kept.append(number)
         last[key] = readback
-    why = ", equal to the ones before," if len(kept) <= MOST_SETTINGS else ""
-    shown = settings.iloc[kept[:MOST_SETTINGS]]
+    why = (
+        ", equal to the ones before," if len(kept) <= MOST_SETTINGS else ", none graver than these,"
+    )
+    if len(kept) > MOST_SETTINGS:
+        weight = settings["outcome"].iloc[kept].map(OF_NO_WEIGHT).fillna(0).to_numpy()
+        kept = sorted(np.array(kept)[np.argsort(weight, kind="stable")[:MOST_SETTINGS]].tolist())
+    shown = settings.iloc[kept]
     left = len(settings) - len(shown)
     return plain_rows(shown, SETTING_COLUMNS), (
         Omitted(left, f"further readings{why} are in settings/.") if left else None

@@ -101,17 +101,25 @@ def test_a_setting_read_again_and_found_the_same_is_not_repeated(tmp_path: Path)
     assert left.rows == 3
 
 
-def test_of_too_many_settings_the_first_are_shown_and_the_rest_is_counted(
+def test_of_too_many_settings_those_that_decide_are_shown_and_the_rest_is_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tables, "MOST_SETTINGS", 2)
-    different = [limit("high", f"{380 + number}") for number in range(4)]
+    """In their order: a setting that differs from the recipe is never cut off by readings."""
+    monkeypatch.setattr(tables, "MOST_SETTINGS", 3)
+    outcomes = ["read", "confirmed", "read", "mismatch", "grave", "unchanged"]
+    told = [
+        limit("high", f"{380 + number}")._replace(outcome=outcome)
+        for number, outcome in enumerate(outcomes)
+    ]
     rows, left = setting_rows(
-        open_run(seal(tmp_path, [station()], table(), settings=different)).settings()
+        open_run(seal(tmp_path, [station()], table(), settings=told)).settings()
     )
-    assert [row["readback"] for row in rows] == ["380", "381"]
+    assert [row["outcome"] for row in rows] == ["confirmed", "mismatch", "grave"]
     assert left is not None
-    assert (left.rows, left.text) == (2, "further readings are in settings/.")
+    assert (left.rows, left.text) == (
+        3,
+        "further readings, none graver than these, are in settings/.",
+    )
 
 
 def test_too_many_counters_are_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
