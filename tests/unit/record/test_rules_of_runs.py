@@ -20,6 +20,7 @@ from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.invoked import invoked
+from support.records.small_run import make_run
 from support.records.verdict_corpus import HOME, judged, unpack
 
 ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
@@ -235,6 +236,14 @@ def test_a_run_of_rules_that_are_not_known_here_is_no_difference(tmp_path: Path)
         f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to"
         f" {RULES}"
     ]
+
+
+def test_a_check_that_cannot_judge_a_run_says_so_in_its_last_line(tmp_path: Path) -> None:
+    """Else an ACCEPT of rules that are not known would read like one that was recomputed."""
+    folder = make_run(tmp_path, 2.0)
+    write_manifest(folder, replace(read_manifest(folder), rules=RULES + 1, verdict="ACCEPT"))
+    code, said = said_by("check", folder)
+    assert (code, "verdict not recomputed in full" in said.splitlines()[-1]) == (0, True)
 
 
 def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(
