@@ -7,14 +7,15 @@ this jbclog cannot apply as that version did are listed and never count against 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isclose
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, cast
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
-from jbclog.analysis.rule_versions import is_known, not_kept
+from jbclog.analysis.rule_versions import OF_JOINTS, is_known, not_kept
 from jbclog.analysis.verdict import (
     RULES,
     Evidence,
@@ -36,8 +37,12 @@ from jbclog.record.manifest import Manifest
 if TYPE_CHECKING:
     from jbclog.config.recipe import Recipe
 
+OF_RECOVERY: Final = (Verdict.INCONCLUSIVE, Verdict.NOT_JUDGED)
 Place = tuple[str, str | None, int | None]
 """A rule's name, station and port."""
+SealedRule = Mapping[str, object]
+"""A rule as in the manifest."""
+SAME: Final = 1e-6  # share by which figures of other libraries may differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +121,13 @@ def is_cut_off(manifest: Manifest) -> bool:
 
 
 def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
-    """Compare a run's sealed verdict with that of its record by the same version of the rules."""
-    if manifest.verdict is None or is_cut_off(manifest):
+    """Compare a run's sealed verdict with that of its record by the same version of the rules; of a
+    run that was cut off, with what `recover` gives.
+    """
+    if manifest.verdict is None:
         return VerdictCheck()
+    if is_cut_off(manifest):
+        return VerdictCheck([*_not_by_recovery(folder, manifest)])
     why = _why_not(folder, manifest)
     if why is not None:
         return VerdictCheck(
@@ -146,29 +155,58 @@ def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
     )
 
 
+def _not_by_recovery(folder: Path, manifest: Manifest) -> Iterator[str]:
+    """Yield why `recover` never gave the verdict of this cut-off run: it accepts and rejects
+    nothing, and judges each run with limits.
+    """
+    if manifest.verdict not in OF_RECOVERY:
+        given = " or ".join(OF_RECOVERY)
+        yield f"verdict: was {manifest.verdict}, but a run that was cut off is {given}"
+    elif (
+        manifest.verdict == Verdict.NOT_JUDGED
+        and _why_not(folder, manifest) is None
+        and judge_again(folder, manifest).verdict is not Verdict.NOT_JUDGED
+    ):
+        yield f"verdict: was {manifest.verdict}, but its recipes have limits"
+
+
 def _not_kept_rules(manifest: Manifest) -> list[str]:
     """Return the rules of the sealed verdict that this jbclog cannot apply in their form of
     then.
     """
     return sorted(
-        {name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules)
+        {name for name, *_ in _by_place(manifest.verdict_rules)} & not_kept(manifest.rules)
     )
 
 
-def _differing(
-    manifest: Manifest, judgement: Judgement
-) -> list[tuple[str, str | None, str | None]]:
-    """Return the rules whose result differs, each with the sealed and the new result."""
-    before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
+def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, object, object]]:
+    """Return what differs in the rules, each with the sealed and the new value: results first."""
+    before, now = _by_place(manifest.verdict_rules), _by_place(judgement.rules_as_dicts())
     gone = not_kept(manifest.rules)
-    found = [
-        (_named(place), before.get(place), now.get(place))
-        for place in {**before, **now}
-        if place[0] not in gone
+    places = [place for place in {**before, **now} if place[0] not in gone]
+    found: list[tuple[str, object, object]] = [
+        (_named(place), _result(before.get(place)), _result(now.get(place))) for place in places
     ]
     if not _not_kept_rules(manifest):
         found.insert(0, ("", manifest.verdict, judgement.verdict))
-    return [one for one in found if one[1] != one[2]]
+    if differing := [one for one in found if one[1] != one[2]]:
+        return differing
+    return [one for place in places for one in _other_figures(place, before[place], now[place])]
+
+
+def _other_figures(
+    place: Place, before: Sequence[SealedRule], now: Sequence[SealedRule]
+) -> Iterator[tuple[str, object, object]]:
+    """Yield limit and observed figure if they differ. Words are not compared, because a later
+    jbclog may have others; nor figures of joints, whose search depends on the libraries.
+    """
+    for name in ("limit",) if place[0] in OF_JOINTS else ("limit", "observed"):
+        for one, other in zip(before, now, strict=True):
+            was, gives = one.get(name), other.get(name)
+            if isinstance(gives, int | float) and not (
+                isinstance(was, int | float) and isclose(was, gives, rel_tol=SAME, abs_tol=SAME)
+            ):
+                yield f"{_named(place)}, {name}", was, gives
 
 
 def _why_not(folder: Path, manifest: Manifest) -> str | None:
@@ -218,11 +256,19 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
     )
 
 
-def _results(rules: Sequence[object]) -> dict[Place, str]:
-    found = [rule for rule in rules if isinstance(rule, dict)]
-    return {
-        (str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in found
-    }
+def _by_place(rules: Sequence[SealedRule]) -> dict[Place, list[SealedRule]]:
+    """Return the rules of each place: one, unless somebody has added another. A forged rule may
+    lack anything.
+    """
+    found: dict[Place, list[SealedRule]] = {}
+    for rule in rules:
+        place = str(rule.get("name")), rule.get("station"), rule.get("port")
+        found.setdefault(cast("Place", place), []).append(rule)
+    return found
+
+
+def _result(rules: Sequence[SealedRule] | None) -> str | None:
+    return None if rules is None else " and ".join(str(rule.get("result")) for rule in rules)
 
 
 def _named(place: Place) -> str:

@@ -28,7 +28,7 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
-from jbclog.analysis.run_tables import RunTables, frame
+from jbclog.analysis.run_tables import MOST_WHOLE, RunTables, frame
 from jbclog.analysis.stored_tables import (
     JOINTS_SCHEMA,
     MetricRow,
@@ -44,7 +44,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
-from jbclog.record.schema import FLOAT
+from jbclog.record.schema import FLOAT, SCHEMAS
 
 T = TypeVar("T")
 
@@ -54,6 +54,9 @@ FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_per
 rounded.
 """
 DECIMALS: Final = 3
+LENGTH: Final = "dispensed_mm"
+OF_FEEDER: Final = (LENGTH, CYCLES)
+COUNTED: Final = ["time", "station", "port", "counter", "value"]
 UNSURE: Final = 1e-3
 # status texts of W-PS (manuals 000, 001, 002)
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
@@ -180,7 +183,7 @@ def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
     selected = [facts for facts in run.stations if station in (None, facts.name)]
     for with_feeder, stations in groupby(selected, has_feeder):
         if with_feeder:
-            every = run.settings(), run.counters()
+            every = run.settings(), _feeders_counters(run)
             for facts in stations:
                 yield from _as_a_whole(
                     run, facts, *(table[table["station"] == facts.name] for table in every)
@@ -188,6 +191,20 @@ def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
         else:
             for some in at_once(list(stations), lambda facts: len(facts.ports), MOST_PORTS):
                 yield from _in_windows(run, some)
+
+
+def _feeders_counters(run: RunTables) -> pd.DataFrame:
+    """Return the readings of the feeders' counters. Raises `RecordError` if they take too much.
+
+    All counters of a week of 32 ports have more than two million.
+    """
+    names, pieces, size = pa.array(OF_FEEDER), list[pa.Table](), 0
+    for group in run.groups("counters", [*COUNTED]):
+        pieces.append(group.filter(pc.is_in(group["counter"], names)))
+        size += pieces[-1].nbytes
+        if size > MOST_WHOLE["counters"]:
+            raise RecordError(f"{run.place}: too many readings of its feeders' counters")
+    return frame(pa.concat_tables([SCHEMAS["counters"].empty_table().select(COUNTED), *pieces]))
 
 
 def _as_a_whole(
@@ -290,7 +307,7 @@ def _ordered_s(
 
 def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:
     """Return the feeder's length counter, and the set length if it was read."""
-    length = _counter(counters, "dispensed_mm")
+    length = _counter(counters, LENGTH)
     readbacks = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()][
         "readback"
     ]

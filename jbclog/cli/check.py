@@ -66,6 +66,8 @@ def check(
         notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
     if read_manifest(run).is_sealed:
         bare += uncovered(run, head)
+    apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
+    apart += ["verdict not recomputed in full"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")
@@ -83,10 +85,7 @@ def check(
         )
     else:
         echo(*notes, *map(str, found))
-        none = (
-            "no differences"
-            + f" in what is covered; {count_text(len(bare), 'file')} not covered" * bool(bare)
-        )
+        none = "no differences" + f" in what is covered; {', '.join(apart)}" * bool(apart)
         result = count_text(len(found), "finding") if found else none
         echo(f"{run}: {result} (fingerprint {short_head(own)})")
     if found:

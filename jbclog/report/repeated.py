@@ -24,7 +24,14 @@ from jbclog.record.chains import short_head
 from jbclog.record.manifest import Ledger, Manifest, manifest_sha256
 from jbclog.report.facts import NOT_CLAIMED, NOT_CLAIMED_SHORT, REPRODUCE, SCHEMA, TO_SIGN
 from jbclog.report.safety import end_state, verification_facts
-from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.report.tables import (
+    COUNTER_COLUMNS,
+    by_station,
+    counter_rows,
+    event_rows,
+    ledger_rows,
+    setting_rows,
+)
 
 CUT_OFF = "cut off"
 BROKE_OFF = "The record ends while this station was still active."
@@ -80,13 +87,14 @@ def _of_manifest(manifest: Manifest) -> dict[str, Any]:
 def _of_tables(run: Run) -> dict[str, Any]:
     names = [facts.name for facts in run.manifest.stations]
     events, settings = event_rows(run.events()), setting_rows(run.settings())
+    counters = counter_rows(run.groups("counters", [*COUNTER_COLUMNS]), run.folder)
     ledger, reasons = ledger_rows(run.manifest.ledger)
     return {
         "events": events[0],
         "events_left": events[1],
         "settings": by_station(settings[0], names),
         "settings_left": settings[1],
-        "counters": by_station(counter_rows(run.counters(), run.folder), names),
+        "counters": by_station(counters, names),
         "ledger": by_station(ledger, names),
         "ledger_reasons": reasons,
     }

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError
@@ -20,8 +24,13 @@ MOST_EVENTS = 1000
 MOST_SETTINGS = 12_000
 MOST_COUNTERS = 50_000  # 512 stations of four ports have some 20 000
 EVENT_COLUMNS = tuple(name for name in SCHEMAS["events"].names if name != "prev_sha256")
-COUNTER_COLUMNS = ("station", "port", "counter", "value", "unit", "raw")
+OF_COUNTER = ("station", "port", "counter", "unit")
+COUNTER_COLUMNS = (*OF_COUNTER, "value", "raw")
+ALSO_NULL = pc.ScalarAggregateOptions(skip_nulls=False)
+ENDS = [(name, end, ALSO_NULL) for name in ("value", "raw") for end in ("first", "last")]
 SETTING_COLUMNS = tuple(SCHEMAS["settings"].names)
+# a setting that is not as the recipe has it comes before these, also one that is not known here
+OF_NO_WEIGHT = {"confirmed": 1, "unchanged": 1, "read": 2}
 GRAVITY = {severity: place for place, severity in enumerate(reversed(Severity))}
 
 
@@ -70,8 +79,8 @@ def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
-    """Return requested settings, and each reading that differs from the one before it; at most
-    `MOST_SETTINGS`.
+    """Return requested settings, and each reading that differs from the one before it; of more than
+    `MOST_SETTINGS` those that the verdict goes by.
     """
     columns = ("station", "port", "tool", "setting", "outcome", "readback")
     kept: list[int] = []
@@ -81,59 +90,77 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
         if outcome != "read" or key not in last or last[key] != readback:
             kept.append(number)
         last[key] = readback
-    why = ", equal to the ones before," if len(kept) <= MOST_SETTINGS else ""
-    shown = settings.iloc[kept[:MOST_SETTINGS]]
+    why = (
+        ", equal to the ones before," if len(kept) <= MOST_SETTINGS else ", none graver than these,"
+    )
+    if len(kept) > MOST_SETTINGS:
+        weight = settings["outcome"].iloc[kept].map(OF_NO_WEIGHT).fillna(0).to_numpy()
+        kept = sorted(np.array(kept)[np.argsort(weight, kind="stable")[:MOST_SETTINGS]].tolist())
+    shown = settings.iloc[kept]
     left = len(settings) - len(shown)
     return plain_rows(shown, SETTING_COLUMNS), (
         Omitted(left, f"further readings{why} are in settings/.") if left else None
     )
 
 
-def counter_rows(counters: pd.DataFrame, folder: Path) -> list[Row]:
+def counter_rows(groups: Iterable[pa.Table], folder: Path) -> list[Row]:
     """Return first and last reading of each counter and their difference, which is unknown if a
     reading failed or the counter fell. Raises `RecordError` for too many counters.
+
+    `groups`: the table's row groups. It has a row for each counter and minute, for a week of 32
+    ports some two million.
     """
-    found: dict[tuple[object, ...], list[int]] = {}
-    for number, key in enumerate(_cells(counters, ("station", "port", "counter", "unit"))):
-        found.setdefault(key, []).append(number)
-    if len(found) > MOST_COUNTERS:
-        raise RecordError(
-            f"{folder}: its table of counters has {len(found)} counters; a report has at most"
-            f" {MOST_COUNTERS}; `jbclog export {folder} --to csv` writes all"
-        )
-    ends = [number for rows in found.values() for number in (rows[0], rows[-1])]
-    rows = plain_rows(counters.iloc[ends], COUNTER_COLUMNS)
+    found: dict[tuple[object, ...], _Ends] = {}
+    for group in groups:
+        by_counter = group.group_by([*OF_COUNTER], use_threads=False)  # in order
+        seen = by_counter.aggregate([([], "count_all"), *ENDS])
+        for row in seen.to_pylist() if len(seen) <= MOST_COUNTERS else ():
+            key = tuple(row[name] for name in OF_COUNTER)
+            ends = found.setdefault(key, _Ends(row["value_first"], row["raw_first"]))
+            ends.last, ends.last_raw = row["value_last"], row["raw_last"]
+            ends.readings += row["count_all"]
+        if max(len(seen), len(found)) > MOST_COUNTERS:
+            raise RecordError(
+                f"{folder}: its table of counters has more than {MOST_COUNTERS} counters; a report"
+                f" has at most so many; `jbclog export {folder} --to csv` writes all"
+            )
     return [
-        _counter(first, last, len(numbers))
-        for first, last, numbers in zip(rows[::2], rows[1::2], found.values(), strict=True)
+        {**dict(zip(OF_COUNTER, key, strict=True)), **ends.as_row()} for key, ends in found.items()
     ]
+
+
+@dataclass(slots=True)
+class _Ends:
+    """First and last reading of a counter."""
+
+    first: float | None
+    first_raw: str
+    last: float | None = None
+    last_raw: str = ""
+    readings: int = 0
+
+    def as_row(self) -> Row:
+        last, difference, note = self.last, None, ""
+        if self.first is None or last is None:
+            note = f"Not read: {self.first_raw if self.first is None else self.last_raw}."
+        elif self.readings == 1:
+            last, note = None, "Read once only."
+        elif last < self.first:
+            note = "Decreased: reset, rolled over, or another station."
+        else:
+            difference = last - self.first
+        return {
+            "first": self.first,
+            "last": last,
+            "difference": difference,
+            "readings": self.readings,
+            "note": note,
+        }
 
 
 def _cells(table: pd.DataFrame, columns: Iterable[str]) -> Iterator[tuple[object, ...]]:
     """Yield these cells of each row, "" for a missing one."""
     return zip(*(table[name].astype(object).fillna("") for name in columns), strict=True)
-
-
-def _counter(one: Row, other: Row, readings: int) -> Row:
-    """Return the row of a counter from its first and its last reading."""
-    first, last = one["value"], other["value"]
-    difference, note = None, ""
-    if not isinstance(first, float) or not isinstance(last, float):
-        note = f"Not read: {(one if first is None else other)['raw']}."
-    elif readings == 1:
-        last, note = None, "Read once only."
-    elif last < first:
-        note = "Decreased: reset, rolled over, or another station."
-    else:
-        difference = last - first
-    return {
-        **{name: one[name] for name in ("station", "port", "counter", "unit")},
-        "first": first,
-        "last": last,
-        "difference": difference,
-        "readings": readings,
-        "note": note,
-    }
 
 
 def ledger_rows(ledger: Ledger) -> tuple[list[Row], list[str]]:

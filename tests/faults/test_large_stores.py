@@ -4,6 +4,7 @@ something that jbclog does not read.
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from jbclog.record.recover import Outcome, recover, recover_all
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.store import META
 from jbclog.record.store_reader import MOST_DAMAGE, StoreReader
+from jbclog.report.write import write_report
 from support.campaigns.foreign_matrix import Pairs
 from support.faults.large_stores import crashed_run, large_batches, packed, samples, small_batches
 from support.records import few_rows
@@ -226,6 +228,25 @@ def test_a_live_store_of_many_rows_is_read_in_pieces_and_said_so(
     monkeypatch.setitem(run_tables.MOST_WHOLE, "settings", 0)
     with pytest.raises(RecordError, match="settings take more than 0 MiB"):
         jbclog.open_run(make_run(tmp_path / "other", 5.0)).settings()
+
+
+def test_a_report_reads_no_counters_as_a_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are read once a minute: those of 32 ports take more than 128 MiB after a week, those of
+    250 stations after a day.
+    """
+    from jbclog.analysis import run_tables
+
+    folder = make_run(tmp_path, 8.0)
+    counters = len(jbclog.open_run(folder).counters())
+    monkeypatch.setitem(run_tables.MOST_WHOLE, "counters", 300)
+    with pytest.raises(RecordError, match="counters take more"):
+        jbclog.open_run(folder).counters()
+    write_report(folder)
+    told = json.loads((folder / "report.json").read_text())
+    assert sum(row["readings"] for row in told["counters"]) == counters > 20
+    assert len(jbclog.open_run(folder).metrics()) > 20
 
 
 def test_a_damaged_index_is_probed_no_further_than_the_file_reaches(

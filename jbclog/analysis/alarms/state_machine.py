@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+from math import isfinite
 from typing import Final
 
 from jbclog.core.clock import utc_of
@@ -107,11 +108,14 @@ def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -
 
 
 def number_of(text: str | None) -> float | None:
-    """Return the number in a setting such as ``380`` or ``0.50 s``; None: off or not known."""
+    """Return the number in a setting such as ``380`` or ``0.50 s``; None: off or not known.
+    ``inf``, as a forged setting may have, is none.
+    """
     try:
-        return float(str(text).split(" ", 1)[0])
+        number = float(str(text).split(" ", 1)[0])
     except ValueError:
         return None
+    return number if isfinite(number) else None
 
 
 class Detector(StrEnum):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jbclog.analysis.alarms.state_machine import number_of
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.trace import Limit, Mark, MarkKind
 from jbclog.analysis.verdict.rules import COUNTED_ALARMS, SEVERE
@@ -113,10 +114,8 @@ def _limits(own: Mapping[str, Sequence[tuple[float, str]]]) -> Iterator[Limit]:
 
 
 def _celsius(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:  # "off"
-        return float("nan")
+    found = number_of(text)
+    return float("nan") if found is None else found
 
 
 def _seconds_of(times: pd.Series, t0_utc_us: int) -> NDArray[np.float64]:

@@ -189,6 +189,8 @@ def test_no_byte_of_a_footer_ends_the_process(tmp_path: Path) -> None:
         ("value", pa.array([float("inf")])),
         ("value", pa.array([1e300])),
         ("number", pa.array([2**63 - 1])),
+        ("number", pa.array([2**53 + 1])),
+        ("number", pa.array([-(2**53) - 1])),
         ("text", pa.Array.from_buffers(pa.string(), 1, pa.array([b"\xff\xfe"]).buffers())),
     ],
 )
@@ -200,6 +202,12 @@ def test_a_value_that_nobody_can_reckon_with_or_show(
         read_small(path)
     with open_table(path) as table, pytest.raises((NotReadable, pa.ArrowInvalid)):
         list(table.batches(10))
+
+
+def test_a_whole_number_that_can_be_read_can_be_reckoned_with(tmp_path: Path) -> None:
+    """Charts and an export to MDF take whole numbers as floats."""
+    path = written(tmp_path / "a.parquet", pa.table({"number": [2**53, -(2**53)]}))
+    assert read_small(path)["number"].cast(pa.float64()).to_pylist() == [2**53, -(2**53)]
 
 
 def test_a_number_that_the_library_would_take_otherwise() -> None:

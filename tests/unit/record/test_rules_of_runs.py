@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.invoked import invoked
+from support.records.small_run import make_run
 from support.records.verdict_corpus import HOME, judged, unpack
 
 ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
@@ -138,6 +140,65 @@ def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
     ]
 
 
+def forged(folder: Path, change: Callable[[dict[str, object]], object]) -> list[str]:
+    """Change each rule of a verdict, and return what is found."""
+    manifest = read_manifest(folder)
+    for rule in manifest.verdict_rules:
+        change(rule)
+    return check_verdict(folder, manifest).differing
+
+
+def test_a_figure_of_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
+    folder = run_of("rejected", tmp_path)
+    found = forged(folder, lambda rule: rule.update(limit=1e9, observed=0.5))
+    assert "verdict, coverage" in {one.rpartition(" of ")[0] for one in found}
+    assert {one.partition(": was ")[0].rpartition(", ")[2] for one in found} == {
+        "limit",
+        "observed",
+    }
+    last_bits = forged(folder, lambda rule: rule.update(observed=nearly(rule["observed"])))
+    assert last_bits == []
+
+
+def nearly(value: object) -> object:
+    return value * (1 + 1e-12) if isinstance(value, float) else value
+
+
+@pytest.mark.parametrize("name", ["name", "station", "port", "result", "limit", "observed"])
+def test_a_rule_that_lacks_something_is_a_difference(tmp_path: Path, name: str) -> None:
+    assert forged(run_of("rejected", tmp_path), lambda rule: rule.pop(name)) != []
+
+
+def test_a_rule_that_is_there_twice_is_a_difference(tmp_path: Path) -> None:
+    """The page of a report would show both."""
+    folder = run_of("rejected", tmp_path)
+    manifest = read_manifest(folder)
+    manifest.verdict_rules.insert(0, {**manifest.verdict_rules[0], "result": "fail"})
+    assert check_verdict(folder, manifest).differing == [
+        "verdict, record: was fail and pass, its record gives pass"
+    ]
+
+
+@pytest.mark.parametrize("word", ["ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "accept"])
+def test_a_run_that_was_cut_off_has_no_such_verdict(tmp_path: Path, word: str) -> None:
+    folder = run_of("rejected", tmp_path)
+    manifest = replace(read_manifest(folder), exit_status="lost", verdict=word)
+    assert check_verdict(folder, manifest).differing == [
+        f"verdict: was {word}, but a run that was cut off is INCONCLUSIVE or NOT JUDGED"
+    ]
+    assert check_verdict(folder, replace(manifest, verdict="INCONCLUSIVE")).differing == []
+
+
+def test_a_run_that_was_cut_off_is_not_judged_only_without_limits(tmp_path: Path) -> None:
+    lost = {"exit_status": "lost", "verdict": "NOT JUDGED"}
+    folder = run_of("rejected", tmp_path)
+    assert check_verdict(folder, replace(read_manifest(folder), **lost)).differing == [
+        "verdict: was NOT JUDGED, but its recipes have limits"
+    ]
+    folder = run_of("not_judged", tmp_path)
+    assert check_verdict(folder, replace(read_manifest(folder), **lost)).differing == []
+
+
 def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,6 +236,14 @@ def test_a_run_of_rules_that_are_not_known_here_is_no_difference(tmp_path: Path)
         f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to"
         f" {RULES}"
     ]
+
+
+def test_a_check_that_cannot_judge_a_run_says_so_in_its_last_line(tmp_path: Path) -> None:
+    """Else an ACCEPT of rules that are not known would read like one that was recomputed."""
+    folder = make_run(tmp_path, 2.0)
+    write_manifest(folder, replace(read_manifest(folder), rules=RULES + 1, verdict="ACCEPT"))
+    code, said = said_by("check", folder)
+    assert (code, "verdict not recomputed in full" in said.splitlines()[-1]) == (0, True)
 
 
 def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(

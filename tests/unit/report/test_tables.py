@@ -11,6 +11,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.rows import CounterRow, EventRow, Severity
 from jbclog.report import tables
 from jbclog.report.tables import (
+    COUNTER_COLUMNS,
     MOST_EVENTS,
     by_station,
     counter_rows,
@@ -100,26 +101,55 @@ def test_a_setting_read_again_and_found_the_same_is_not_repeated(tmp_path: Path)
     assert left.rows == 3
 
 
-def test_of_too_many_settings_the_first_are_shown_and_the_rest_is_counted(
+def test_of_too_many_settings_those_that_decide_are_shown_and_the_rest_is_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tables, "MOST_SETTINGS", 2)
-    different = [limit("high", f"{380 + number}") for number in range(4)]
+    """In their order: a setting that differs from the recipe is never cut off by readings."""
+    monkeypatch.setattr(tables, "MOST_SETTINGS", 3)
+    outcomes = ["read", "confirmed", "read", "mismatch", "grave", "unchanged"]
+    told = [
+        limit("high", f"{380 + number}")._replace(outcome=outcome)
+        for number, outcome in enumerate(outcomes)
+    ]
     rows, left = setting_rows(
-        open_run(seal(tmp_path, [station()], table(), settings=different)).settings()
+        open_run(seal(tmp_path, [station()], table(), settings=told)).settings()
     )
-    assert [row["readback"] for row in rows] == ["380", "381"]
+    assert [row["outcome"] for row in rows] == ["confirmed", "mismatch", "grave"]
     assert left is not None
-    assert (left.rows, left.text) == (2, "further readings are in settings/.")
+    assert (left.rows, left.text) == (
+        3,
+        "further readings, none graver than these, are in settings/.",
+    )
 
 
 def test_too_many_counters_are_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "MOST_COUNTERS", 2)
     told = [counter(name, 1.0) for name in ("work_h", "plugged_h", "sleep_h", "work_h")]
-    read = open_run(seal(tmp_path, [station()], table(), counters=told)).counters()
-    with pytest.raises(RecordError, match="has 3 counters; a report has at most 2"):
-        counter_rows(read, tmp_path)
-    assert len(counter_rows(read[read["counter"] != "sleep_h"], tmp_path)) == 2
+    with pytest.raises(RecordError, match="has more than 2 counters"):
+        counted(tmp_path, told)
+    assert len(counted(tmp_path / "other", [one for one in told if one.counter != "sleep_h"])) == 2
+
+
+def counted(out: Path, told: list[CounterRow]) -> list[dict[str, object]]:
+    run = open_run(seal(out, [station()], table(), counters=told))
+    return counter_rows(run.groups("counters", [*COUNTER_COLUMNS]), out)
+
+
+def test_counters_are_read_in_pieces(tmp_path: Path) -> None:
+    """A week of 32 ports has more than two million rows."""
+    told = [counter("work_h", value) for value in (3.0, 4.0, None, 9.0)]
+    told += [counter("sleep_h", value, "<timeout>") for value in (None, 2.0)]
+    run = open_run(seal(tmp_path, [station()], table(), counters=told))
+    (rows,) = run.groups("counters", [*COUNTER_COLUMNS])
+    pieces = [rows.slice(number, 1) for number in range(len(rows))]
+    assert counter_rows(pieces, tmp_path) == counter_rows([rows], tmp_path)
+    assert [
+        (row["counter"], row["first"], row["last"], row["difference"], row["readings"], row["note"])
+        for row in counter_rows(pieces, tmp_path)
+    ] == [
+        ("work_h", 3.0, 9.0, 6.0, 4, ""),
+        ("sleep_h", None, 2.0, None, 2, "Not read: <timeout>."),
+    ]
 
 
 def counter(name: str, value: float | None, raw: str = "00001", second: float = 0) -> CounterRow:
@@ -133,12 +163,7 @@ def test_counters_at_start_and_end(tmp_path: Path) -> None:
         *(counter("sleep_h", value, raw) for value, raw in ((4.0, "00004"), (None, "<timeout>"))),
         counter("hibernation_h", 7.0),
     ]
-    rows = {
-        str(row["counter"]): row
-        for row in counter_rows(
-            open_run(seal(tmp_path, [station()], table(), counters=told)).counters(), tmp_path
-        )
-    }
+    rows = {str(row["counter"]): row for row in counted(tmp_path, told)}
     assert (rows["work_h"]["first"], rows["work_h"]["last"], rows["work_h"]["difference"]) == (
         811,
         813,

@@ -175,7 +175,10 @@ def test_limit_and_dead_band(side: Side, value: int, condition: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("380", 380), ("385 °C", 385), ("0.50 s", 0.5), ("off", None), (None, None), ("99999", 99999)],
+    [
+        *(("380", 380), ("385 °C", 385), ("0.50 s", 0.5), ("off", None), (None, None)),
+        *(("99999", 99999), ("inf", None), ("-1e400 °C", None), ("nan", None)),
+    ],
 )
 def test_settings_as_the_record_has_them(text: str | None, value: float | None) -> None:
     assert number_of(text) == value

@@ -101,6 +101,11 @@ def test_a_limit_that_is_off_or_whose_alarm_is_off_is_not_drawn(tmp_path: Path) 
     assert limits(tmp_path, limit("high", "380"), delay, limit("low", "off")) == []
 
 
+def test_a_limit_beyond_all_numbers_is_not_drawn(tmp_path: Path) -> None:
+    """As of a forged part: no axis takes it."""
+    assert limits(tmp_path, limit("high", "1e400"), limit("low", "-inf")) == []
+
+
 def test_a_limit_that_was_switched_off_ends(tmp_path: Path) -> None:
     found = limits(tmp_path, limit("low", "300"), limit("low", "off", 30))
     assert found[0][2][0] == 300
