@@ -4,7 +4,7 @@ cover its line.
 ::
 
     python tests/support campaigns.mutants cover WORK            # once: a copy of the tree, and which test runs which line; again to go on
-    python tests/support campaigns.mutants cover WORK before-move /root/before   # packages and tests of another scope, in another repository
+    python tests/support campaigns.mutants cover WORK before-move ../before   # packages and tests of another scope, in another repository
     python tests/support campaigns.mutants run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
     python tests/support campaigns.mutants run WORK safety,guard 600 40   # and those that survived again, with 40 s of tests
     python tests/support campaigns.mutants again WORK safety tests/unit/session/safety/test_secure.py   # survivors, tests of today
