@@ -4,10 +4,15 @@ cover its line.
 ::
 
     python tests/support campaigns.mutants cover WORK            # once: a copy of the tree, and which test runs which line; again to go on
+    python tests/support campaigns.mutants cover WORK before-move ../before   # packages and tests of another scope, in another repository
     python tests/support campaigns.mutants run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
     python tests/support campaigns.mutants run WORK safety,guard 600 40   # and those that survived again, with 40 s of tests
     python tests/support campaigns.mutants again WORK safety tests/unit/session/safety/test_secure.py   # survivors, tests of today
     python tests/support campaigns.mutants report WORK           # the share that was noticed, with its 95 % interval (Wilson)
+
+A scope (`SCOPES`) names packages, their files and the tests that may cover them: `safety` (as above, if
+none is named), `layers` for protocol, session and record, and `before-move` for the same three in the
+last commit before the thirteen packages, 510f85a8. That commit asks for fpdf2 in addition.
 
 A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left
 out, a value returned. Texts, types and imports are left alone. All is done in WORK/tree, a copy of
@@ -34,6 +39,7 @@ import ast
 import compileall
 import copy
 import fcntl
+import functools
 import gc
 import importlib
 import json
@@ -50,16 +56,15 @@ import sys
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from itertools import chain, zip_longest
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
 from typing import Any, Self
 
 HERE = Path(__file__).resolve().parents[3]
-# and where they are
-PACKAGES = {"session": "session/run", "guard": "guard", "safety": "session/safety"}
 SAMPLE, SEED = 500, 20261122
 # a test that runs half of the lines of a file that others run has to be so much cheaper: 2 to this
 THOROUGH = 4
@@ -68,7 +73,7 @@ SIBLINGS = 6  # parameters of a test function that are used
 SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as usual
 CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
 MORE_BYTES = 2 << 30
-COVERING = (
+SAFETY_TESTS = (
     *(
         "tests/unit/guard",
         "tests/unit/session/safety",
@@ -103,6 +108,72 @@ COVERING = (
     ),
     *("tests/serial/test_take_over.py", "tests/faults/test_guard.py"),
 )
+# one rule for both: what mirrors a package, whole runs, and the verbs that use `session.manual`
+COMMON_TESTS = (
+    "tests/unit/record",
+    "tests/line",
+    *(f"tests/unit/cli/test_{name}.py" for name in ("read", "read_doubt", "write", "safe", "scan")),
+)
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Packages, each with patterns of its files below `jbclog/`, and tests that may cover them."""
+
+    packages: Mapping[str, Sequence[str]]
+    tests: Sequence[str]
+    without: Sequence[str] = ()
+
+    def files(self, tree: Path, package: str) -> list[Path]:
+        place = tree / "jbclog"
+        found = {path for one in self.packages[package] for path in place.glob(one)}
+        return sorted(found - {place / name for name in self.without})
+
+
+SCOPES = {
+    "safety": Scope(
+        {
+            "session": ("session/run/*.py",),
+            "guard": ("guard/*.py",),
+            "safety": ("session/safety/*.py",),
+        },
+        SAFETY_TESTS,
+    ),
+    "layers": Scope(
+        {name: (f"{name}/**/*.py",) for name in ("protocol", "session", "record")},
+        ("tests/unit/protocol", "tests/unit/session", *COMMON_TESTS),
+    ),
+    # what is in those three today, where it stood (`git diff -M 510f85a8 441fd285`), and its tests
+    "before-move": Scope(
+        {
+            "protocol": ("protocol/*.py", "commands/*.py", "station/*.py"),
+            "session": (
+                *("session/*.py", "finding/*.py", "byhand/*.py", "safety/*.py"),
+                "scheduler.py",
+            ),
+            "record": ("record/*.py",),
+        },
+        (
+            *("tests/tables", "tests/wire", "tests/unit/finding", "tests/unit/safety"),
+            *(
+                f"tests/unit/test_{name}.py"
+                for name in (
+                    *("frame", "omega_frame", "omega_values", "what_can_heat", "after", "agreed"),
+                    *("flow", "omega_station", "station", "station_forms", "station_late"),
+                    *("turnaround", "scheduler", "losses"),
+                )
+            ),
+            *COMMON_TESTS,
+            # these are in tests/line today
+            *(
+                f"tests/faults/test_{name}.py"
+                for name in ("link_faults", "omega_bits", "omega_sweep", "starts", "two_bits")
+            ),
+        ),
+        # in core today
+        without=("record/chained.py", "record/durable.py", "record/lock.py"),
+    ),
+}
 REAL = (
     "tests/serial/",
     "tests/unit/guard/",
@@ -110,7 +181,7 @@ REAL = (
     "tests/faults/test_left_hot.py",
     "tests/unit/transport/",
 )
-REAL += ("tests/unit/record/test_left_hot.py", "tests/unit/cli/test_safe.py")
+REAL += ("tests/unit/record/", "tests/unit/cli/")
 OPTIONS = (
     "-n0",
     "-q",
@@ -138,6 +209,7 @@ WARM = (
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_NUM_THREADS")
 # in the environment of all that a test starts: what outlives the test is ended by it
 MARK = "JBCLOG_MUTANT"
+SCOPE = "scope"  # the file in WORK with its name
 TRACE = "JBCLOG_MUTANTS_TRACE"
 IN_HAND = "in-hand.json"  # the file that a mutant replaces, as it was
 ENDED_BY = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -277,9 +349,9 @@ class Change(ast.NodeTransformer):
         return node
 
 
-def mutants_of(tree: Path, package: str) -> list[Mutant]:
+def mutants_of(tree: Path, scope: Scope, package: str) -> list[Mutant]:
     found = []
-    for path in sorted((tree / "jbclog" / PACKAGES[package]).glob("*.py")):
+    for path in scope.files(tree, package):
         places = Places()
         places.visit(ast.parse(path.read_text()))
         found += [(path.relative_to(tree).as_posix(), *place) for place in places.found]
@@ -290,8 +362,8 @@ def mutated(path: Path, node: int, which: int) -> ast.Module:
     return ast.fix_missing_locations(Change(node, which).visit(ast.parse(path.read_text())))
 
 
-def sample(tree: Path, package: str) -> list[Mutant]:
-    everything = mutants_of(tree, package)
+def sample(tree: Path, scope: Scope, package: str) -> list[Mutant]:
+    everything = mutants_of(tree, scope, package)
     return random.Random(f"{SEED} {package}").sample(everything, min(SAMPLE, len(everything)))
 
 
@@ -359,19 +431,19 @@ def called_as_it_loads(text: str) -> set[str]:
 # -- a copy, and children in it --------------------------------------------------------------------
 
 
-def copied(work: Path) -> Path:
+def copied(work: Path, repository: Path) -> Path:
     """A copy of the repository of one's own; which commit it is of stands in `COMMIT`."""
     tree = work / "tree"
     shutil.rmtree(tree, ignore_errors=True)
     listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=HERE, capture_output=True, check=True, text=True
+        ["git", "ls-files", "-z"], cwd=repository, capture_output=True, check=True, text=True
     ).stdout
     for file in filter(None, listed.split("\0")):
         (tree / file).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(HERE / file, tree / file, follow_symlinks=False)
+        shutil.copy2(repository / file, tree / file, follow_symlinks=False)
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"],
-        cwd=HERE,
+        cwd=repository,
         capture_output=True,
         check=True,
         text=True,
@@ -379,6 +451,11 @@ def copied(work: Path) -> Path:
     (tree / "COMMIT").write_text(commit)
     compileall.compile_dir(tree / "jbclog", quiet=1)
     return tree
+
+
+def scope_of(work: Path) -> Scope:
+    path = work / SCOPE
+    return SCOPES[path.read_text() if path.exists() else "safety"]
 
 
 def begin(work: Path) -> None:
@@ -590,17 +667,16 @@ def patience(took: dict[str, list[float]]) -> Callable[[str], float]:
 # -- which tests cover what ------------------------------------------------------------------------
 
 
-def watch_lines(note: Callable[[str, int], None]) -> None:
-    """Call `note` once for each line of a function of `PACKAGES` that is run, with its file."""
-    places = tuple(f"/jbclog/{folder}/" for folder in PACKAGES.values())
+def watch_lines(files: Set[str], note: Callable[[str, int], None]) -> None:
+    """Call `note` once for each line of a function of these files that is run, with its file."""
     known: dict[CodeType, tuple[str, set[int]] | None] = {}
 
     def of(code: CodeType) -> tuple[str, set[int]] | None:
-        name = code.co_filename
+        name = code.co_filename[code.co_filename.rfind("/jbclog/") + 1 :]
         # 1: a function, no module and no class
-        if not code.co_flags & 1 or not any(place in name for place in places):
+        if not code.co_flags & 1 or name not in files:
             return None
-        return name[name.rindex("/jbclog/") + 1 :], {line for *_, line in code.co_lines() if line}
+        return name, {line for *_, line in code.co_lines() if line}
 
     def calls(frame: FrameType, event: str, arg: object) -> Any:
         code = frame.f_code
@@ -621,8 +697,14 @@ def watch_lines(note: Callable[[str, int], None]) -> None:
 
 def traced_here() -> None:
     """Write down what this process runs; called as a process that a test started begins."""
-    file = os.open(os.environ[TRACE], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    watch_lines(lambda name, line: os.write(file, f"{name}:{line}\n".encode()) and None)
+    trace = Path(os.environ[TRACE])
+    file = os.open(trace, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    scope, tree = scope_of(trace.parent), trace.parent / "tree"
+    files = [path for package in scope.packages for path in scope.files(tree, package)]
+    watch_lines(
+        {path.relative_to(tree).as_posix() for path in files},
+        lambda name, line: os.write(file, f"{name}:{line}\n".encode()) and None,
+    )
 
 
 def chosen(items: Sequence[Any]) -> list[Any]:
@@ -672,7 +754,7 @@ def one_by_one(
     return True
 
 
-def cover(work: Path) -> None:
+def cover(work: Path, scope: str = "safety", repository: Path = HERE) -> None:
     """Measure which test runs which line, and what each costs: seconds, and seconds of CPU time.
 
     What was copied and measured before stays: another commit takes another WORK.
@@ -682,7 +764,8 @@ def cover(work: Path) -> None:
     path, is_whole = work / "cover.jsonl", False
     if not (work / "tree/COMMIT").exists():
         path.unlink(missing_ok=True)
-        copied(work)
+        (work / SCOPE).write_text(scope)
+        copied(work, repository)
     enter(work)
     known = {row["test"] for row in whole_rows(path)}
 
@@ -693,7 +776,7 @@ def cover(work: Path) -> None:
                 add_row(path, measured(work, item))
         is_whole = bool(items)
 
-    collected(measure, [name for name in COVERING if Path(name).exists()])
+    collected(measure, [name for name in scope_of(work).tests if Path(name).exists()])
     if not is_whole:
         sys.exit("not all tests were measured")
     rows = [row for row in whole_rows(path) if row["took"]]
@@ -733,32 +816,59 @@ def measured(work: Path, item: Any) -> dict[str, Any]:
     return {"test": item.nodeid, "took": took, "ran": sorted(set(trace.read_text().split()))}
 
 
-def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
-    """The lines where a change of this line outside of functions shows: where its name is used; its
-    file's where it has none.
+@functools.cache
+def defined(text: str) -> Mapping[int, frozenset[str]]:
+    """For each line outside of functions, what the statement of the module that it is in defines: a
+    class, or names that are assigned.
     """
-    text = (tree / name).read_text()
-    names = [
-        target.id
-        for node in ast.parse(text).body
-        if isinstance(node, ast.Assign | ast.AnnAssign)
-        and node.lineno <= line <= (node.end_lineno or line)
-        for targets in (node.targets if isinstance(node, ast.Assign) else [node.target])
-        for target in ast.walk(targets)
-        if isinstance(target, ast.Name)
-    ]
-    if not names:
-        return [(name, number) for number in range(1, text.count("\n") + 1)]
-    word = re.compile(r"\b(" + "|".join(names) + r")\b")
-    found = []
-    for package in PACKAGES:
-        for path in sorted((tree / "jbclog" / PACKAGES[package]).glob("*.py")):
-            rows = path.read_text().splitlines()
-            found += [
-                (path.relative_to(tree).as_posix(), number)
-                for number, row in enumerate(rows, 1)
-                if word.search(row)
-            ]
+    found: dict[int, frozenset[str]] = {}
+    for node in ast.parse(text).body:
+        names: list[str] = []
+        if isinstance(node, ast.ClassDef):
+            names = [node.name]
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            inner = [one for target in targets for one in ast.walk(target)]
+            names = [one.id for one in inner if isinstance(one, ast.Name)]
+        lines = set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+        for one in node.body if isinstance(node, ast.ClassDef) else []:
+            if isinstance(one, ast.FunctionDef):
+                lines -= set(range(one.lineno, (one.end_lineno or one.lineno) + 1))
+        found |= dict.fromkeys(lines, frozenset(names))
+    return found
+
+
+def lines_of(
+    tree: Path, name: str, line: int, covered: Mapping[str, Mapping[str, object]]
+) -> list[tuple[str, int]]:
+    """The lines where a change of this line outside of functions shows: for a class, or a statement
+    that defines no name, its file's; else where its name is used. If no test runs one of those,
+    where a name is used that is made from it, and so on.
+    """
+    texts = {file: (tree / file).read_text() for file in sorted({name, *covered})}
+    left = defined(texts[name]).get(line, frozenset())
+    names = left
+    is_class = any(
+        isinstance(node, ast.ClassDef) and node.lineno <= line <= (node.end_lineno or line)
+        for node in ast.parse(texts[name]).body
+    )
+    found = (
+        [(name, number) for number in range(1, texts[name].count("\n") + 1)]
+        if is_class or not left
+        else []
+    )
+    while left and not any(str(number) in covered.get(file, ()) for file, number in found):
+        word = re.compile(r"\b(" + "|".join(sorted(left)) + r")\b")
+        more = [
+            (file, number)
+            for file, text in texts.items()
+            for number, row in enumerate(text.splitlines(), 1)
+            if word.search(row)
+        ]
+        found += more
+        made = [defined(texts[file]).get(number, frozenset()) for file, number in more]
+        left = frozenset().union(*made) - names
+        names |= left
     return found
 
 
@@ -772,7 +882,7 @@ def covering(
     took, lines = known["took"], known["lines"]
     is_within = function_at(tree / name, node) is not None
     within = [(name, number) for number in statement_at(tree / name, node)]
-    places = within if is_within else lines_of(tree, name, line)
+    places = within if is_within else lines_of(tree, name, line, lines)
     tests = {test for place, number in places for test in lines.get(place, {}).get(str(number), ())}
     if not tests and not is_within:  # a default of a field, say
         tests = {test for some in lines.get(name, {}).values() for test in some}
@@ -807,7 +917,7 @@ class Trial:
     which has not even imported the project.
     """
 
-    def __init__(self, work: Path, known: dict[str, Any], words: Sequence[str] = COVERING) -> None:
+    def __init__(self, work: Path, known: dict[str, Any], words: Sequence[str]) -> None:
         self.work, self.tree, self.took = work, work / "tree", known["took"]
         ask, self._ask = os.pipe()
         self._answer, answer = os.pipe()
@@ -994,9 +1104,10 @@ def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOS
     noticed: dict[str, Counter[str]] = defaultdict(Counter)
     for row in before:
         noticed[row["mutant"][0]][row["by"]] += 1
-    samples = {package: sample(tree, package) for package in packages}
+    scope = scope_of(work)
+    samples = {package: sample(tree, scope, package) for package in packages}
     enter(work)
-    with Trial(work, known) as trial:
+    with Trial(work, known, scope.tests) as trial:
         for package, one in in_turn(samples):
             if one in done:
                 continue
@@ -1046,14 +1157,16 @@ def report(work: Path) -> None:
         "package: mutants, sample, tried, noticed, survived, not covered; share that was noticed,"
         " with its 95 % interval"
     )
-    for package in PACKAGES:
-        rows, tree = rows_of(work, package), work / "tree"
+    scope, tree = scope_of(work), work / "tree"
+    for package in scope.packages:
+        rows = rows_of(work, package)
         count = Counter(row["outcome"] for row in rows)
         low, high = wilson(count["noticed"], len(rows))
         share = f"{count['noticed'] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "-"
         found = ", ".join(str(count[word]) for word in ("noticed", "survived", "not covered"))
         print(
-            f"{package}: {len(mutants_of(tree, package))}, {len(sample(tree, package))},"
+            f"{package}: {len(mutants_of(tree, scope, package))},"
+            f" {len(sample(tree, scope, package))},"
             f" {len(rows)}, {found}; {share}"
         )
         for row in rows:
@@ -1077,6 +1190,10 @@ def act() -> None:
     match sys.argv[1:]:
         case ["cover", work]:
             cover(Path(work).resolve())
+        case ["cover", work, scope]:
+            cover(Path(work).resolve(), scope)
+        case ["cover", work, scope, repository]:
+            cover(Path(work).resolve(), scope, Path(repository).resolve())
         case ["run", work, packages, seconds, *most]:
             run(Path(work).resolve(), packages.split(","), float(seconds), *map(float, most))
         case ["again", work, package, *words]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -399,6 +400,34 @@ def test_an_event_that_cannot_be_kept_is_shown_and_an_observer_that_fails_is_har
     store.close()
     assert shown == ["test.event", "record.failed"]
     store.release()
+
+
+def test_an_event_waits_two_seconds_for_its_commit_and_the_disk_has_ten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    told: list[RecordError] = []
+    store = begun(tmp_path, on_failure=told.append, on_event=lambda event: shown.append(event.kind))
+    let_go, real = threading.Event(), Segment.add
+
+    def add(self: Segment, batches: Sequence[Batch], notes: Notes) -> None:
+        let_go.wait(200)
+        real(self, batches, notes)
+
+    monkeypatch.setattr(Segment, "add", add)
+    store.event(few_rows.event(1), at_once=True)
+    until(lambda: store._commit_began is not None)
+    began = store._commit_began or 0.0
+    found = []
+    for seconds in (1.9, 2.1, 9.9, 10.1):
+        with monkeypatch.context() as clock:
+            now = SimpleNamespace(monotonic=lambda at=began + seconds: at, time_ns=time.time_ns)
+            clock.setattr(live, "time", now)
+            store.check_stall()
+        found.append((len(shown), len(told)))
+    let_go.set()
+    store.close()
+    assert found == [(0, 0), (1, 0), (1, 0), (2, 1)]
 
 
 def test_a_disk_that_keeps_a_commit_waiting_is_told_of_and_holds_up_nothing_that_is_shown(

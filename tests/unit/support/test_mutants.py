@@ -13,6 +13,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -62,14 +63,21 @@ def test_each_change_is_made_once(tmp_path: Path) -> None:
     assert len(changed) == len(AFTER) + 1  # two statements that are left out look alike
 
 
-@pytest.mark.parametrize("package", mutants.PACKAGES)
-def test_mutants_of_the_product_can_be_loaded_and_are_the_same_each_time(package: str) -> None:
-    chosen = mutants.sample(mutants.HERE, package)
-    assert chosen == mutants.sample(mutants.HERE, package)
-    for name, _, _, node, which in random.Random(1).sample(chosen, 20):
-        before = ast.unparse(ast.parse((mutants.HERE / name).read_text()))
-        after = mutants.mutated(mutants.HERE / name, node, which)
-        compile(after, name, "exec")
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [(name, package) for name in ("safety", "layers") for package in mutants.SCOPES[name].packages],
+)
+def test_mutants_of_the_product_can_be_loaded_and_are_the_same_each_time(
+    name: str, package: str
+) -> None:
+    scope = mutants.SCOPES[name]
+    assert all((mutants.HERE / test).exists() for test in scope.tests)
+    chosen = mutants.sample(mutants.HERE, scope, package)
+    assert chosen == mutants.sample(mutants.HERE, scope, package)
+    for file, _, _, node, which in random.Random(1).sample(chosen, 20):
+        before = ast.unparse(ast.parse((mutants.HERE / file).read_text()))
+        after = mutants.mutated(mutants.HERE / file, node, which)
+        compile(after, file, "exec")
         assert ast.unparse(after) != before
 
 
@@ -131,6 +139,24 @@ def test_tests_are_taken_cheapest_first_and_parameters_of_another_later(tree: Pa
     assert mutants.covering({"took": {}, "lines": {}}, tree, mutant(4), Counter()) == []
 
 
+def test_a_table_shows_where_what_is_made_from_it_is_used(tree: Path) -> None:
+    table = "jbclog/session/run/table.py"
+    (tree / table).write_text("TABLE = (1, 2)\nTABLES = {0: TABLE}\n")
+    (tree / NAME).write_text("def of(family):\n    return TABLES[family]\n")
+    of_table = [(table, 1), (table, 2)]
+    assert mutants.lines_of(tree, table, 1, {table: {"2": ["a"]}}) == of_table
+    assert {*mutants.lines_of(tree, table, 1, {NAME: {"2": ["a"]}})} == {*of_table, (NAME, 2)}
+
+
+def test_a_class_shows_in_its_file_or_where_it_is_used(tree: Path) -> None:
+    kinds = "jbclog/session/run/kinds.py"
+    (tree / kinds).write_text("class Kind(Enum):\n    HOT = 1\n")
+    (tree / NAME).write_text("def is_hot(kind):\n    return kind is Kind.HOT\n")
+    mine = [(kinds, 1), (kinds, 2)]
+    assert mutants.lines_of(tree, kinds, 2, {kinds: {"2": ["a"]}}) == mine
+    assert {*mutants.lines_of(tree, kinds, 2, {NAME: {"2": ["a"]}})} == {*mine, (NAME, 2)}
+
+
 def test_what_is_changed_in_a_function_is_known_by_its_name(tree: Path) -> None:
     assert mutants.function_at(tree / NAME, mutant(4)[3]) == ("is_late", 3)
     assert mutants.function_at(tree / NAME, mutant(1)[3]) is None
@@ -159,14 +185,14 @@ def test_over():
 """
 
 
-def lay_out(place: Path, product: str, tests: str) -> None:
+def lay_out(place: Path, product: str, tests: str, folder: str = "guard") -> None:
     """A repository of its own, with the tool."""
     for name, text in {
         NAME: product,
         "jbclog/__init__.py": "",
         "jbclog/session/__init__.py": "",
         "jbclog/session/run/__init__.py": "",
-        "tests/unit/guard/test_code.py": tests,
+        f"tests/unit/{folder}/test_code.py": tests,
         "tests/support/campaigns/mutants.py": (
             (mutants.HERE / "tests/support/campaigns/mutants.py").read_text()
         ),
@@ -218,6 +244,24 @@ def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_sur
     assert rows[4, "plus 1"] == "noticed"  # the limit is 6 then
     told = subprocess.run([*tool, "report", work], text=True, **mine).stdout
     assert "session: 6, 6, 6, 4, 2, 0; 67% (30% to 90%)" in told
+
+
+def test_another_repository_is_measured_with_packages_and_tests_of_a_scope(tmp_path: Path) -> None:
+    place, work = tmp_path / "place", tmp_path / "work"
+    lay_out(place, PRODUCT, TESTS, "session")
+    mine: dict[str, Any] = {"check": True, "timeout": 200, "capture_output": True, "text": True}
+    for words in (["init", "-q"], ["add", "-A"]):
+        subprocess.run(["git", *words], cwd=place, **mine)
+    name = ["-c", "user.name=a", "-c", "user.email=b"]
+    subprocess.run(["git", *name, "commit", "-qm", "x"], cwd=place, **mine)
+    tool = [sys.executable, mutants.HERE / "tests/support/campaigns/mutants.py"]
+    subprocess.run([*tool, "cover", work, "layers", place], **mine)
+    assert json.loads((work / "cover.json").read_text())["lines"].keys() == {NAME}
+    said = subprocess.run([*tool, "report", work], **mine).stdout
+    assert [line.split(":")[0] for line in said.splitlines()[1:]] == [
+        *("protocol", "session", "record"),
+    ]
+    assert "session: 6, 6, 0, 0, 0, 0; -" in said
 
 
 def test_a_mutant_of_each_package_is_tried_in_turn() -> None:
