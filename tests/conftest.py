@@ -167,8 +167,8 @@ def pytest_collection_finish() -> None:
 
 FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "sim", "transport")
 """Packages whose tests are fast."""
-# files that take seconds: large or forged inputs, many runs, real connections, real time, processes,
-# a browser, figures, slices of campaigns
+# files that take seconds: large or forged inputs, many runs, real connections, real time,
+# processes, a browser, figures, slices of campaigns
 NOT_FAST = {
     *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
     *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),

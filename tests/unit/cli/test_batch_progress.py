@@ -57,7 +57,9 @@ def end_table(
 ) -> tuple[list[str], str]:
     monkeypatch.setattr("sys.stdout.isatty", lambda: width is not None)
     monkeypatch.setattr(
-        batch_progress.shutil, "get_terminal_size", lambda *_, **__: os.terminal_size((width or 1, 24))
+        batch_progress.shutil,
+        "get_terminal_size",
+        lambda *_, **__: os.terminal_size((width or 1, 24)),
     )
     batch_progress.print_table(shift(JobProgress()), Path("runs"))
     out, err = capsys.readouterr()
