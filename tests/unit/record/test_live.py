@@ -402,12 +402,8 @@ def test_an_event_that_cannot_be_kept_is_shown_and_an_observer_that_fails_is_har
     store.release()
 
 
-def test_an_event_waits_two_seconds_for_its_commit_and_the_disk_has_ten(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shown: list[str] = []
-    told: list[RecordError] = []
-    store = begun(tmp_path, on_failure=told.append, on_event=lambda event: shown.append(event.kind))
+def hanging_disk(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let each commit wait until the event is set."""
     let_go, real = threading.Event(), Segment.add
 
     def add(self: Segment, batches: Sequence[Batch], notes: Notes) -> None:
@@ -415,6 +411,16 @@ def test_an_event_waits_two_seconds_for_its_commit_and_the_disk_has_ten(
         real(self, batches, notes)
 
     monkeypatch.setattr(Segment, "add", add)
+    return let_go
+
+
+def test_an_event_waits_two_seconds_for_its_commit_and_the_disk_has_ten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    told: list[RecordError] = []
+    store = begun(tmp_path, on_failure=told.append, on_event=lambda event: shown.append(event.kind))
+    let_go = hanging_disk(monkeypatch)
     store.event(few_rows.event(1), at_once=True)
     until(lambda: store._commit_began is not None)
     began = store._commit_began or 0.0
@@ -436,13 +442,7 @@ def test_a_disk_that_keeps_a_commit_waiting_is_told_of_and_holds_up_nothing_that
     shown: list[str] = []
     told: list[RecordError] = []
     store = begun(tmp_path, on_failure=told.append, on_event=lambda event: shown.append(event.kind))
-    let_go, real = threading.Event(), Segment.add
-
-    def add(self: Segment, batches: Sequence[Batch], notes: Notes) -> None:
-        let_go.wait(200)
-        real(self, batches, notes)
-
-    monkeypatch.setattr(Segment, "add", add)
+    let_go = hanging_disk(monkeypatch)
     monkeypatch.setattr(live, "WAITED_S", 600.0)  # however late this looks
     monkeypatch.setattr(live, "STALLED_S", 600.0)
     store.event(few_rows.event(1), at_once=True)
