@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import runpy
+import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -143,6 +144,21 @@ def test_a_worker_that_is_killed_in_the_middle_changes_no_answer(
         found = [*engine.run(partial(killed_at, at=7, mark=mark), range(30))]
         assert mark.exists()
         assert found == [number * number for number in range(30)]
+
+
+def test_a_result_that_has_arrived_before_a_kill_is_kept(tmp_path: Path) -> None:
+    """The next task is begun when the processes are known to be gone."""
+    mark = tmp_path / "killed"
+
+    def tasks() -> Iterator[int]:
+        yield from range(30)[: processes.AHEAD]
+        while not mark.exists():
+            time.sleep(0.01)
+        time.sleep(1.0)
+        yield from range(30)[processes.AHEAD :]
+
+    found = [*Processes(1).run(partial(killed_at, at=1, mark=mark), tasks())]
+    assert found == [number * number for number in range(30)]
 
 
 def test_what_kills_every_process_ends_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,15 +61,18 @@ class Processes:
     def _results(
         self, pool: ProcessPoolExecutor, packed: bytes, open_tasks: deque[A], left: Iterator[A]
     ) -> Iterator[Any]:
-        """Yield results; a task leaves `open_tasks` when its result has arrived."""
+        """Yield results; a task leaves `open_tasks` when its result has arrived.
+
+        The result is out before the next task is begun, which fails if a child was killed.
+        """
         begun: deque[Future[Any]] = deque(pool.submit(_call, packed, task) for task in open_tasks)
         while begun:
             result = begun.popleft().result()
             open_tasks.popleft()
+            yield result
             for task in islice(left, 1):
                 open_tasks.append(task)
                 begun.append(pool.submit(_call, packed, task))
-            yield result
 
 
 def _packed(function: Callable[..., object]) -> bytes:
