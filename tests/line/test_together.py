@@ -376,7 +376,7 @@ def test_a_slow_station_is_waited_for_as_long_as_it_answers() -> None:
     line = (
         line_of({})
         .replace('url = "b"', 'url = "b"\nbaudrate = 1200')
-        .replace("turnaround_ms = 5.0", "turnaround_ms = 60.0\nwire = true")
+        .replace("turnaround_ms = 5.0", "turnaround_ms = 80.0\nwire = true")
     )
     run = prepare(
         line, RECIPE.replace("[run]", "[sampling]\ncounters_every_s = 600\n\n[run]"), 10.0, 0.2

@@ -166,10 +166,14 @@ class Handing:
 
 
 def recorded_again(
-    folder: Path, most_s: float = 0.0, stalls: Sequence[float] = (), longer_s: float = 0.0
+    folder: Path,
+    most_s: float = 0.0,
+    stalls: Sequence[float] = (),
+    longer_s: float = 0.0,
+    seed: int = 1,
 ) -> tuple[Memory, dict[str, ReplayedStation]]:
     """A recorded run, served and recorded again by sessions that know nothing of it; each answer up
-    to `most_s` early or late.
+    to `most_s` early or late, as `seed` decides.
 
     The new run has the rates that came of the recorded one, and goes on `longer_s` longer.
     """
@@ -184,6 +188,6 @@ def recorded_again(
         )
         context = SessionContext(order, memory, UtcOffset(clock))
         stations[name] = station_of(recording, name)
-        driver.add(run_station(context), Handing(stations[name], most_s, stalls))
+        driver.add(run_station(context), Handing(stations[name], most_s, stalls, seed))
     driver.run()
     return memory, stations
