@@ -23,7 +23,7 @@ from jbclog.protocol.commands.robot import COMMON
 
 READS = 12  # their median tolerates a late answer
 LEAST_ANSWERED = READS // 2  # with fewer answers the link is too bad for a run
-LEAST_READS = READS // 2  # if other signals were read anyway
+LEAST_READS = 3  # if other signals were read anyway
 TOLERANCE = 0.03  # tolerance of the baud rate, both ends together
 
 
@@ -35,23 +35,33 @@ class AnswerTime(NamedTuple):
     whole: float
     wire: float
 
+    @property
+    def response(self) -> float:
+        """Response time in µs, never below 0."""
+        return max(self.whole - self.wire, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class ResponseTime:
-    """Result of about `READS` harmless reads, in µs; at least one was answered.
+    """Result of harmless reads and of what was read anyway, in µs; at least one was answered.
 
     `took` are the response times, sorted, none below 0. `whole` is the median time from request to
-    complete answer, `wire` the median transmission time of both at the stated line format.
+    complete answer, `wire` the median transmission time of both at the stated line format. `least`
+    is the shortest response time of the harmless reads alone.
     """
 
     took: tuple[float, ...]
     whole: float
     wire: float
     ignored: tuple[str, ...] = ()  # commands that the station does not support; not counted
+    least: float = 0.0
 
     @property
     def median(self) -> float:
-        return median(self.took)
+        """The median of `took`, or `least` if that is longer: what was read anyway is mostly
+        settings, which a station may send sooner than it measures.
+        """
+        return max(median(self.took), self.least)
 
     @property
     def longest(self) -> float:
@@ -85,16 +95,16 @@ def response_time(
     """Measure the response time with `READS` harmless reads, each `apart_s` after the previous
     answer. Returns the response time, None without any answer, and the number of answers.
 
-    `seen` are answers to other signals of `port` that were read anyway and also count. Then all
-    reads are of a fast signal, and fewer are enough (at least `LEAST_READS`), unless one is not
-    answered. Skips and names commands that the station does not support. Stops once
-    `LEAST_ANSWERED` is out of reach.
+    `seen` are answers to other signals of `port` that were read anyway and also count, unless a
+    read is not answered. With `seen`, all reads are of a fast signal, and fewer are enough: only
+    `LEAST_READS` beside `LEAST_ANSWERED` or more. Skips and names commands that the station does
+    not support. Stops once `LEAST_ANSWERED` is out of reach.
     """
     names, ignored = list(family.harmless), list[str]()
     if seen:
         names.sort(key=family.is_fast, reverse=True)
-    heard, asked, lost = [*seen], 0, 0
-    enough = max(READS - len(seen), LEAST_READS)
+    heard, asked, lost = list[AnswerTime](), 0, 0
+    enough = LEAST_READS if len(seen) >= LEAST_ANSWERED else READS - len(seen)
     while names and asked < (READS if lost else enough) and lost <= READS - LEAST_ANSWERED:
         name = names[0 if seen else asked % len(names)]
         question = _question(client, family, name, port)
@@ -112,7 +122,8 @@ def response_time(
         else:
             heard.append(answer_time(client, question))
         asked += 1
-    return _response_time_of(heard, ignored), asked - lost
+    counted = len(seen) if heard and not lost else 0
+    return _response_time_of(seen, heard, ignored), len(heard) + counted
 
 
 def answer_time(client: Client, question: PreparedRead) -> AnswerTime:
@@ -120,14 +131,19 @@ def answer_time(client: Client, question: PreparedRead) -> AnswerTime:
     return AnswerTime((client.heard - client.sent) * 1e6, question.wire_s * 1e6)
 
 
-def _response_time_of(heard: Sequence[AnswerTime], ignored: list[str]) -> ResponseTime | None:
-    if not heard:
+def _response_time_of(
+    seen: Sequence[AnswerTime], heard: Sequence[AnswerTime], ignored: list[str]
+) -> ResponseTime | None:
+    """Combine what was read anyway with the harmless reads; None without any answer."""
+    both = [*seen, *heard]
+    if not both:
         return None
     return ResponseTime(
-        tuple(sorted(max(one.whole - one.wire, 0.0) for one in heard)),
-        median(one.whole for one in heard),
-        median(one.wire for one in heard),
+        tuple(sorted(one.response for one in both)),
+        median(one.whole for one in both),
+        median(one.wire for one in both),
         tuple(ignored),
+        min((one.response for one in heard), default=0.0),
     )
 
 

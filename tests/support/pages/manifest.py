@@ -99,7 +99,7 @@ MEANINGS: Mapping[str, str] = {
     "stations.ports": "ports that are recorded",
     "stations.tools": "tool of each port",
     "stations.turnaround_us": (
-        "response time in µs: median, p99, n; `faster_by` where the link is faster than named"
+        "response time in µs: median (at least the shortest of a fast signal), p99, n; `faster_by` where the link is faster than named"
     ),
     "stations.asked_rate": "Hz, `auto`, `fit` or `max`",
     "stations.rate_hz": "rate of the fast signals; null: without pause",
