@@ -9,6 +9,7 @@ per station on the same schedule, which does not decode, check or store anything
 from __future__ import annotations
 
 import sys
+from statistics import median
 
 import bare
 from common import (
@@ -33,45 +34,46 @@ COLUMNS = ("", "exchanges", "a tick", "CPU µs", "late ms 50 %", "99 %", "latest
 
 def main() -> int:
     short = is_short(__doc__)
-    claims = sixty_four(10.0 if short else 60.0) + many(8.0 if short else 30.0)
+    claims = sixty_four(*((1, 10.0) if short else (3, 60.0))) + many(8.0 if short else 30.0)
     return judge(claims)
 
 
-def sixty_four(seconds: float) -> list[Claim]:
+def sixty_four(rounds: int, seconds: float) -> list[Claim]:
+    """Both in turns; the CPU's claim is about the median round, the others about each."""
+    claims: list[Claim] = []
+    ratios: list[float] = []
     with virtual_stations(64) as stations:
-        ours = _record(stations, seconds)
-        threads = in_own_process(bare.threads, stations.ports, seconds)
-    show(
-        f"64 stations, {seconds:g} s, one seal in the middle",
-        COLUMNS,
-        [_bare_row(threads, 64), _row(ours)],
-    )
-    print(
-        f"  jbclog from opening the ports to the sealed and judged record: {ours.cpu_all_us:.1f} µs"
-        " an exchange"
-    )
-    return [
-        *_kept(ours, 3.0),
-        at_most(
-            "64 stations: CPU per exchange, of a bare pyserial thread's each",
-            ours.cpu_us / threads.cpu_us,
-            0.6,
-        ),
-        bytes_allow("bare threads", threads.shortest_s),
-    ]
+        for number in range(rounds):
+            ours = _record(stations, seconds, f"{number}")
+            threads = in_own_process(bare.threads, stations.ports, seconds)
+            show(
+                f"64 stations, {seconds:g} s, one seal in the middle",
+                COLUMNS,
+                [_bare_row(threads, 64), _row(ours)],
+            )
+            print(
+                "  jbclog from opening the ports to the sealed and judged record:"
+                f" {ours.cpu_all_us:.1f} µs an exchange"
+            )
+            claims += [*_kept(ours, 3.0), bytes_allow("bare threads", threads.shortest_s)]
+            ratios.append(ours.cpu_us / threads.cpu_us)
+    print("  CPU per exchange, of a bare thread's:", *(f"{one:.2f}" for one in ratios))
+    what = "64 stations: CPU per exchange, of a bare pyserial thread's each, median"
+    return [*claims, at_most(what, median(ratios), 0.5)]
 
 
 def many(seconds: float) -> list[Claim]:
     with virtual_stations(250) as stations:
-        ours = _record(stations, seconds)
+        ours = _record(stations, seconds, "many")
     show(f"250 stations, {seconds:g} s", COLUMNS, [_row(ours)])
     return _kept(ours, 5.0)
 
 
-def _record(stations: Bench, seconds: float) -> Recorded:
-    recipe = stations.recipe(alarms_every_s=ALARMS_EVERY_S)
+def _record(stations: Bench, seconds: float, name: str) -> Recorded:
+    recipe, folder = stations.recipe(alarms_every_s=ALARMS_EVERY_S), stations.folder / name
+    folder.mkdir()
     return in_own_process(
-        record, stations.line, recipe, stations.folder, seconds, seal_every_s=seconds / 2 + 2
+        record, stations.line, recipe, folder, seconds, seal_every_s=seconds / 2 + 2
     )
 
 

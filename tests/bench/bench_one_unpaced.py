@@ -35,7 +35,7 @@ def main() -> int:
     trouble = [text for *_, ours in made for text in ours.trouble]
     return judge(
         [
-            at_most("CPU per exchange, of PyMeasure's, median", median(ratios), 1.0),
+            at_most("CPU per exchange, of PyMeasure's, median", median(ratios), 0.7),
             Claim("the runs are fine", not trouble, "; ".join(trouble) or "yes"),
         ]
     )

@@ -20,8 +20,8 @@ from common import at_most, is_short, judge, line_text, show, virtual_stations
 
 MAIN = [sys.executable, "-c", "from jbclog.cli import main; main()"]
 NOTHING = "python -c pass"
-MOST_HELP, MOST_PLAN = 5.0, 20.0  # multiples
-MOST_FIRST_S = 1.7
+MOST_HELP, MOST_PLAN = 5.0, 18.0  # multiples
+MOST_FIRST_S = 1.2
 EARLIER_RUNS = 10_000
 
 
