@@ -165,6 +165,7 @@ def joints_and_metrics(
             parameters.append(
                 {"station": one.facts.name, "port": one.port, **asdict(one.measured.found.settings)}
             )
+    pa.default_memory_pool().release_unused()
     return _concatenated(joints), metrics, parameters
 
 
@@ -234,6 +235,7 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
             measuring[facts.name, port] = PortMeasuring(kind_of(facts), like, parameters)
     reader.sweep(measuring)
     measured = {key: measuring.pop(key).measured for key in [*measuring]}
+    pa.default_memory_pool().release_unused()
     edges_us = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
     for facts in stations:
         for port in facts.ports:
@@ -332,8 +334,18 @@ def _micros(rows: pd.DataFrame) -> Counts:
     return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
 
 
-def _concatenated(joints: Sequence[pa.Table]) -> pa.Table:
-    return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *joints]).combine_chunks()
+def _concatenated(joints: list[pa.Table]) -> pa.Table:
+    """Return the rows of all tables, and empty the list: only one column is in memory twice."""
+    columns = [
+        [chunk for table in joints for chunk in table.column(name).chunks]
+        for name in JOINTS_SCHEMA.names
+    ]
+    joints.clear()
+    whole: list[pa.Array] = []
+    for field in JOINTS_SCHEMA:
+        chunks = columns.pop(0)
+        whole.append(pa.concat_arrays(chunks) if chunks else pa.array([], field.type))
+    return pa.table(whole, schema=JOINTS_SCHEMA)
 
 
 def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array]:

@@ -159,6 +159,8 @@ JOINTS: Final[Sequence[Column]] = (
 )
 
 
+JOINTS_A_GROUP: Final = 131_072
+"""Rows of a group: a day of 32 ports has half a million joints, and a group is encoded at once."""
 JOINTS_SCHEMA: Final = pa.schema([field_of(column, "definition") for column in JOINTS])
 
 
@@ -169,6 +171,7 @@ def joints_parquet(joints: pa.Table, manifest_sha256: str) -> bytes:
         joints.replace_schema_metadata({MADE_FROM: manifest_sha256.encode()}),
         sink,
         compression="zstd",
+        row_group_size=JOINTS_A_GROUP,
     )
     return bytes(sink.getvalue().to_pybytes())
 

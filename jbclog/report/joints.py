@@ -102,6 +102,7 @@ class Joints:
                 rows = pa.Table.from_batches([batch])
                 own = [unit and clean(unit) for unit in islice(units, len(rows))]
                 out.write(csv_lines(rows.add_column(0, UNIT, pa.array(own, pa.string()))))
+                pa.default_memory_pool().release_unused()  # between the growing file's pieces
         return out.getvalue()
 
 

@@ -97,10 +97,12 @@ def report_files(folder: Path) -> dict[str, bytes]:
     document, figures = as_document(facts), figures_of(facts)
     drawn = {figure.file: (figure.wide, figure.narrow) for figure in figures}
     zooms = {figure.file: figure.zoom for figure in figures if figure.zoom is not None}
+    paper = report_pdf(facts)
+    pa.default_memory_pool().release_unused()  # memory of typesetting, before long tables
     files = {
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
         PAGE: render(document, drawn, zooms).encode(),
-        PAPER: report_pdf(facts),
+        PAPER: paper,
         JOINTS: joints.parquet,
         **{
             f"{TABLES}/{name}.csv": content

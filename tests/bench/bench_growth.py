@@ -156,10 +156,10 @@ def sealed(out: Path, rows: int) -> str:
     return str(seal(out, [station(rows=rows)], pa.concat_tables(pieces)[:rows], rules=RULES))
 
 
-def shifted(hour: pa.Table, number: int) -> pa.Table:
+def shifted(hour: pa.Table, number: int, hz: float = 10.0) -> pa.Table:
     """Return the rows of an hour, that many hours later."""
-    ticks = pc.add(hour["tick"], number * HOUR_ROWS)
-    moments = pc.add(hour["time"].cast(pa.int64()), number * HOUR_ROWS * 100_000).cast(
+    ticks = pc.add(hour["tick"], round(number * 3600 * hz))
+    moments = pc.add(hour["time"].cast(pa.int64()), number * 3_600_000_000).cast(
         hour.schema.field("time").type
     )
     return hour.set_column(1, hour.schema.field("tick"), ticks).set_column(

@@ -2,10 +2,10 @@
 the CPU and memory of `LENGTHS` for a day and a week.
 
 32 ports: at most `MOST_FIGURES` times the CPU of one plain matplotlib figure (the report itself has
-66 figures).
+66 figures). A day of 32 ports: `PORTS_DAY`.
 
-``python tests/bench/bench_report.py`` prints the figures (``--week`` includes a week); ``pytest -m
-bench tests/bench/bench_report.py`` checks the limits.
+``python tests/bench/bench_report.py`` prints the figures (``--week`` includes a week, ``--ports`` a
+day of 32 ports at 5 and 10 Hz); ``pytest -m bench tests/bench/bench_report.py`` checks the limits.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parent))
 
-from bench_growth import sealed, spent
+from bench_growth import sealed, shifted, spent
 from common import in_own_process
 
 from jbclog.analysis.rule_versions import RULES
@@ -39,6 +40,8 @@ SHORT_S = 2.0
 DAY_S, WEEK_S = 86_400, 604_800
 LENGTHS = {DAY_S: (9.0, 340.0), WEEK_S: (30.0, 450.0)}
 """Length in s, with a joint each five seconds -> the most CPU in s and memory in MB."""
+PORTS_DAY = (60.0, 600.0)
+"""The same for a day of 32 ports."""
 REPORT = "import sys; from jbclog.report.write import write_report; write_report(sys.argv[1])"
 
 
@@ -93,6 +96,29 @@ def cpu_of(run: Path) -> float:
 def of_length(out: Path, seconds: int) -> tuple[float, float]:
     """Return CPU in s and memory in MB of the report of one port, in its own process."""
     cost = spent(["report", str(in_own_process(sealed, out, 10 * seconds))])
+    return cost["CPU"], cost["MB"]
+
+
+def day_of_ports(out: Path, hz: float) -> str:
+    """Seal a day of 32 ports, an hour repeated: joints all day; return its folder."""
+    names = [f"dde-{number}" for number in range(1, STATIONS + 1)]
+    hour = table(
+        *(
+            samples(round(3600 * hz), name, port, hz, seed)
+            for seed, name in enumerate(names)
+            for port in (1, 2)
+        )
+    )
+    hour = hour.take(pa.array(np.argsort(hour["tick"].to_numpy(), kind="stable")))
+    hour, rows = hour.combine_chunks(), round(DAY_S * hz)
+    day = pa.concat_tables([shifted(hour, number, hz) for number in range(24)])
+    facts = [station(name, (1, 2), rows, hz) for name in names]
+    return str(seal(out, facts, day, rules=RULES))
+
+
+def of_ports(out: Path, hz: float) -> tuple[float, float]:
+    """Return CPU in s and memory in MB of the report of a day of 32 ports, in its own process."""
+    cost = spent(["report", in_own_process(day_of_ports, out, hz)])
     return cost["CPU"], cost["MB"]
 
 
@@ -183,7 +209,24 @@ def test_report_of_a_day_and_a_week(seconds: int, tmp_path: Path) -> None:
     assert memory <= LENGTHS[seconds][1]
 
 
+@pytest.mark.bench
+@pytest.mark.timeout(1200)
+def test_report_of_a_day_of_ports(tmp_path: Path) -> None:
+    """At 5 Hz, which a link carries for two ports."""
+    cpu, memory = of_ports(tmp_path, 5.0)
+    print(f"report of a day of 32 ports: {cpu:.1f} s of CPU, {memory:.0f} MB; limits {PORTS_DAY}")
+    assert cpu <= PORTS_DAY[0]
+    assert memory <= PORTS_DAY[1]
+
+
 if __name__ == "__main__":
+    for hz in (5.0, 10.0) if "--ports" in sys.argv else ():
+        with tempfile.TemporaryDirectory() as folder:
+            cpu, memory = of_ports(Path(folder), hz)
+            print(
+                f"report of a day of 32 ports at {hz:g} Hz: {cpu:.1f} s of CPU, {memory:.0f} MB (at"
+                f" most {PORTS_DAY[0]} s and {PORTS_DAY[1]} MB)"
+            )
     for seconds in LENGTHS if "--week" in sys.argv else [DAY_S]:
         with tempfile.TemporaryDirectory() as folder:
             cpu, memory = of_length(Path(folder), seconds)
