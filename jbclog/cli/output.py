@@ -20,7 +20,13 @@ from typing import TYPE_CHECKING, ParamSpec
 import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
-from jbclog.core.errors import JbclogError, Problems, RecordError, unexpected_error_text
+from jbclog.core.errors import (
+    JbclogError,
+    Problems,
+    RecordError,
+    UsageError,
+    unexpected_error_text,
+)
 from jbclog.core.text import clean, count_text, json_line, shortened
 
 if TYPE_CHECKING:
@@ -32,6 +38,7 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 INTERNAL_ERROR = 1
+FOLDER_GONE = "the current folder was removed; change into another one (`cd`) and try again"
 GAP = 2  # cells between two columns
 MOST_SHOWN = 10_000  # characters of a line or cell; --json has all of it
 
@@ -187,6 +194,10 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
                 raise typer.Exit(130) from None
             raise
         except Exception as error:
+            if isinstance(error, FileNotFoundError) and _is_folder_gone():
+                gone = UsageError(FOLDER_GONE)
+                _print_error(gone, as_json=bool(kwargs.get("as_json")))
+                raise typer.Exit(gone.exit_code) from error
             if os.environ.get("JBCLOG_TRACEBACK") or _is_limit_of_files(error):
                 raise  # too many open files: `main` reports it
             text = (
@@ -206,6 +217,15 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
 def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning as one line; Python would add code and print foreign text unchanged."""
     note(f"warning: {message}")
+
+
+def _is_folder_gone() -> bool:
+    """Whether the current folder was removed: then no relative path leads anywhere."""
+    try:
+        os.getcwd()  # noqa: PTH109  # what fails in all of them
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _is_limit_of_files(error: BaseException) -> bool:

@@ -25,7 +25,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from jbclog.core.errors import Problem
-from jbclog.core.foreign.toml_reader import MAX_PROBLEMS, KeyPath, TomlText, hidden
+from jbclog.core.foreign.toml_reader import MAX_PROBLEMS, KeyPath, TomlText, hidden, too_large
 from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import CONDITIONS, is_condition
@@ -89,9 +89,13 @@ NAME_ALLOWED = (
 
 
 def read_file(row: type[Row], source: TomlText) -> tuple[Row | None, list[Problem], list[KeyPath]]:
-    """Apply `read_table` to the whole file; also report hidden characters."""
+    """Apply `read_table` to the whole file; also report hidden characters and numbers that no
+    record could hold.
+    """
     tables, wrong, keys = read_table(row, source, (), source.tables)
-    return tables, hidden(source) + wrong, keys
+    named = {problem.key for problem in wrong}
+    large = [problem for problem in too_large(source) if problem.key not in named]
+    return tables, hidden(source) + wrong + large, keys
 
 
 def read_table(

@@ -19,6 +19,8 @@ from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
 
 PATIENCE_S: Final = 6.0  # a working guard ends within this
 RETRY_S: Final = 0.1
+# for all runs together: a start waits for it, and a dozen forged leases take half a minute
+SETTLE_S: Final = 12.0
 
 IsRecording = Callable[[Path], bool]
 """Returns True if a recorder writes to the run in this folder now."""
@@ -32,17 +34,19 @@ class LeftOver(NamedTuple):
 
 
 def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[LeftOver]:
-    """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`; skip
-    runs in progress.
+    """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`, the
+    newest first; skip runs in progress. After `SETTLE_S` no further run is begun: it is not known
+    what that one left hot.
     """
-    found = _with_lease(out)
+    found, end = _with_lease(out), time.monotonic() + SETTLE_S
     settled = [
-        done
-        for folder in _holding(found.there, urls)
-        if (done := _settle(folder, urls, is_recording)) is not None
+        _no_time(folder, is_recording)
+        if time.monotonic() >= end
+        else _settle(folder, urls, is_recording)
+        for folder in _holding(sorted(found.there, key=_by_name, reverse=True), urls)
     ]
     return [
-        *settled,
+        *filter(None, settled),
         *_unreadable(found.there, is_recording),
         *(_not_known(folder, why) for folder, why in found.away),
     ]
@@ -54,6 +58,16 @@ def _unreadable(folders: Iterable[Path], is_recording: IsRecording) -> Iterator[
         if why and not _goes_on(folder, is_recording):
             why = f"{folder / lease.NAME} cannot be read ({why})"
             yield _not_known(folder, why, ", then remove that file")
+
+
+def _by_name(folder: Path) -> str:
+    return folder.name  # begins with its run's start
+
+
+def _no_time(folder: Path, is_recording: IsRecording) -> LeftOver | None:
+    if _goes_on(folder, is_recording):
+        return None
+    return _not_known(folder, f"{folder / lease.NAME} had no turn within {SETTLE_S:.0f} s")
 
 
 def _not_known(folder: Path, why: str, then: str = "") -> LeftOver:

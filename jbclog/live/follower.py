@@ -73,10 +73,19 @@ class Follower:
         Switches to a newer run of the folder as soon as there is one.
         """
         folder = self.path if self._is_run else current_run(self.path)
-        if folder is not None and (self._run is None or self._run.folder != folder):
-            self.close()
-            self._run = RunFollower(folder, self._clock, joints=self._counts_joints)
-        return None if self._run is None else self._run.poll()
+        if self._run is None or (folder is not None and self._run.folder != folder):
+            if folder is None:
+                return None
+            self._run = self._begun(folder)
+        state = self._run.poll()
+        if self._run.was_replaced():
+            self._run = self._begun(self._run.folder)
+            state = self._run.poll()
+        return state
+
+    def _begun(self, folder: Path) -> RunFollower:
+        self.close()
+        return RunFollower(folder, self._clock, joints=self._counts_joints)
 
     def stream(self, every_s: float = EVERY_S) -> Iterator[RunState]:
         """Yield the state of the run every `every_s` seconds, without end."""

@@ -56,6 +56,7 @@ class RunFollower:
         self._manifest: Manifest | None = None
         self._manifest_is: tuple[int, ...] = ()
         self._trouble = ""
+        self._folder_is, self._is_other_run = _identity(folder), False
         self._joints = JointNumbers(folder, self._clock) if joints else None
         self._begin()
 
@@ -75,6 +76,13 @@ class RunFollower:
         self._store.close()
         if self._joints is not None:
             self._joints.close()
+
+    def was_replaced(self) -> bool:
+        """Whether the folder has another run now, under the name of the one that was followed: what
+        was read belongs to that one.
+        """
+        now = _identity(self.folder)
+        return self._is_other_run or (now is not None and now != self._folder_is)
 
     def poll(self) -> RunState:
         """Read new rows and return the state of the run. Errors of the record become a phase."""
@@ -164,8 +172,10 @@ class RunFollower:
             return
         identity = (there.st_ino, there.st_mtime_ns, there.st_size)
         if identity != self._manifest_is or self._trouble:
-            self._manifest = read_manifest(self.folder)
+            before, self._manifest = self._manifest, read_manifest(self.folder)
             self._manifest_is = identity
+            starts = {one.started for one in (before, self._manifest) if one and one.started}
+            self._is_other_run = self._is_other_run or len(starts) > 1
 
     # -- reading -----------------------------------------------------------------------------------
 
@@ -268,6 +278,15 @@ class RunFollower:
 
     def _take_facts(self) -> None:
         self._facts |= facts_in(self.folder, self._store.changed_facts())
+
+
+def _identity(folder: Path) -> tuple[int, int] | None:
+    """Return what tells a folder from another of the same name; None if there is none."""
+    try:
+        there = folder.stat()
+    except OSError:
+        return None
+    return there.st_dev, there.st_ino
 
 
 def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:

@@ -14,7 +14,7 @@ import struct
 from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from jbclog.core.foreign.files import Kind, open_foreign
 
@@ -34,6 +34,16 @@ TRIES: Final = 50
 
 class Malformed(Exception):
     """The file is not a database, or is damaged."""
+
+
+class Frame(NamedTuple):
+    """A valid frame of a log: its place and header, the checksums up to its end."""
+
+    at: int
+    head: bytes
+    page: int
+    is_commit: bool
+    sums: tuple[int, int]
 
 
 class DatabasePages:
@@ -156,6 +166,7 @@ class DatabasePages:
         self._header = header
         # page -> offset in the log of its newest committed content
         self._frames: dict[int, int] = {}
+        self._waiting: list[Frame] = []  # behind the last commit
         self._order: str | None = None
         self._next, self._log_page_size = LOG_HEADER.size, 0
         if len(header) < LOG_HEADER.size:
@@ -170,37 +181,52 @@ class DatabasePages:
             self._order, self._log_page_size, self._sums = order, size, (first, second)
 
     def _read_frames(self) -> set[int]:
-        """Read the frames after the last commit; return the pages committed since."""
+        """Read the frames after the last commit; return the pages committed since.
+
+        Each frame is read once: a commit of a gigabyte takes a while to be written.
+        """
         added: set[int] = set()
         if self._order is None or self._log is None:
             return added
-        at, sums, waiting = self._next, self._sums, dict[int, int]()
-        while (head := self._frame(at, sums)) is not None:
-            page, is_commit, sums = head
-            waiting[page] = at + FRAME_HEADER.size
-            at += FRAME_HEADER.size + self._log_page_size
-            if is_commit:
-                self._frames.update(waiting)
-                added.update(waiting)
-                waiting.clear()
-                self._next, self._sums = at, sums
+        self._drop_overwritten()
+        while (frame := self._next_frame()) is not None:
+            self._waiting.append(frame)
+            if frame.is_commit:
+                pages = {one.page: one.at + FRAME_HEADER.size for one in self._waiting}
+                self._frames.update(pages)
+                added.update(pages)
+                self._next, self._sums = self._end_of(frame), frame.sums
+                self._waiting.clear()
         return added
 
-    def _frame(self, at: int, sums: tuple[int, int]) -> tuple[int, bool, tuple[int, int]] | None:
-        """Return a frame's page, whether it ends a commit, and its checksums; None if it is not
-        valid.
-        """
+    def _drop_overwritten(self) -> None:
+        """Drop the waiting frames from the first one that another commit has replaced."""
+        assert self._log is not None
+        for place, one in enumerate(self._waiting):
+            if os.pread(self._log.fileno(), FRAME_HEADER.size, one.at) != one.head:
+                del self._waiting[place:]
+                return
+
+    def _end_of(self, frame: Frame) -> int:
+        return frame.at + FRAME_HEADER.size + self._log_page_size
+
+    def _next_frame(self) -> Frame | None:
+        """Return the frame behind those that were read; None if it is not valid."""
         assert self._log is not None
         assert self._order is not None
+        at, sums = self._next, self._sums
+        if self._waiting:
+            at, sums = self._end_of(self._waiting[-1]), self._waiting[-1].sums
         data = os.pread(self._log.fileno(), FRAME_HEADER.size + self._log_page_size, at)
         if len(data) < FRAME_HEADER.size + self._log_page_size:
             return None
-        page, pages_after, *salts, first, second = FRAME_HEADER.unpack_from(data)
+        head = data[: FRAME_HEADER.size]
+        page, pages_after, *salts, first, second = FRAME_HEADER.unpack(head)
         if salts != self._salts or page < 1:
             return None
         sums = _check_sums(self._order, data[:8], sums)
         sums = _check_sums(self._order, data[FRAME_HEADER.size :], sums)
-        return (page, pages_after > 0, sums) if sums == (first, second) else None
+        return Frame(at, head, page, pages_after > 0, sums) if sums == (first, second) else None
 
 
 def _check_sums(order: str, data: bytes, sums: tuple[int, int]) -> tuple[int, int]:

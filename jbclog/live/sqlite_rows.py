@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+from bisect import bisect_left
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from jbclog.live.sqlite_pages import DatabasePages, Malformed
@@ -14,6 +15,8 @@ FILE_HEADER: Final = 100  # bytes before the content of page 1
 DEEPEST: Final = 20
 LONGEST: Final = 96 << 20  # bytes of a row, as in `core/foreign/database.py`
 MOST_TABLES: Final = 1 << 20  # bytes of the list of tables
+MOST_COLUMNS: Final = 32
+FIRST, LAST = -(1 << 63), (1 << 63) - 1  # row numbers
 WIDTHS: Final = (0, 1, 2, 3, 4, 6, 8)  # bytes of an integer by its serial type
 
 Value = None | int | float | str | bytes
@@ -58,7 +61,7 @@ class Row:
 def roots(pages: DatabasePages) -> dict[str, int]:
     """Return table name -> first page. Raises `Malformed`."""
     found: dict[str, int] = {}
-    for row in rows(pages, 1, most_bytes=MOST_TABLES):
+    for row in rows(pages, 1, most_bytes=MOST_TABLES, most_rows=MOST_TABLES >> 10):
         match row.values(pages):
             case ["table", str(name), _, int(root), *_]:
                 found[name] = root
@@ -66,50 +69,116 @@ def roots(pages: DatabasePages) -> dict[str, int]:
 
 
 def rows(
-    pages: DatabasePages, root: int, after: int = 0, *, most_bytes: int | None = None
+    pages: DatabasePages,
+    root: int,
+    after: int = 0,
+    *,
+    most_bytes: int | None = None,
+    most_rows: int | None = None,
 ) -> Iterator[Row]:
     """Yield the rows of the table at `root` with a number above `after`, ascending.
 
-    Raises `Malformed`, also above `most_bytes`: a file of 2 kB can declare gigabytes.
+    Raises `Malformed`, also above `most_bytes` (a file of 2 kB can declare gigabytes) or
+    `most_rows` (a row may have one byte).
     """
     total = 0
-    for found in _rows(pages, root, after, set(), 0):
+    for count, found in enumerate(_Walk(pages, after).below(root, FIRST, LAST), 1):
         total += found.size
         if most_bytes is not None and total > most_bytes:
             raise Malformed(f"its table at page {root} has more than {most_bytes >> 20} MiB")
+        if most_rows is not None and count > most_rows:
+            raise Malformed(f"its table at page {root} has more than {most_rows} rows")
         yield found
 
 
 def row(pages: DatabasePages, root: int, number: int) -> Row | None:
     """Return a row, or None if it does not exist. Raises `Malformed`."""
-    found = next(rows(pages, root, number - 1), None)
-    return found if found is not None and found.number == number else None
+    page = root
+    for _ in range(DEEPEST):
+        one = _table_page(pages, page)
+        place = bisect_left(one.places, number, key=one.key)
+        if one.is_leaf:
+            found = (
+                None
+                if place == len(one.places)
+                else _row(one.data, one.places[place], pages.usable)
+            )
+            return found if found is not None and found.number == number else None
+        page = one.child(place)
+    raise Malformed(f"page {page} is in its table twice")
 
 
-def _rows(
-    pages: DatabasePages, number: int, after: int, seen: set[int], depth: int
-) -> Iterator[Row]:
-    if number in seen or depth > DEEPEST:
-        raise Malformed(f"page {number} is in its table twice")
-    seen.add(number)
+@dataclass(frozen=True, slots=True)
+class _TablePage:
+    """A page of a table: one with rows, or one with the pages below it."""
+
+    data: bytes
+    base: int
+    is_leaf: bool
+    places: tuple[int, ...]
+
+    def key(self, at: int) -> int:
+        """Return the number of the row at `at`, or the largest number below the page there."""
+        if self.is_leaf:
+            _, at = _varint(self.data, at)
+            return _varint(self.data, at)[0]
+        return _varint(self.data, at + 4)[0]
+
+    def child(self, place: int) -> int:
+        """Return a page below this one; behind all places the last one."""
+        at = self.places[place] if place < len(self.places) else self.base + 8
+        return int.from_bytes(self.data[at : at + 4], "big")
+
+
+def _table_page(pages: DatabasePages, number: int) -> _TablePage:
     data = pages.page(number)
     base = FILE_HEADER if number == 1 else 0
     kind, cells = data[base], int.from_bytes(data[base + 3 : base + 5], "big")
     if kind not in (INTERIOR, LEAF):
         raise Malformed(f"page {number} is no page of a table")
     places = _places(data, base + (12 if kind == INTERIOR else 8), cells)
-    if kind == LEAF:
-        yield from (one for at in places if (one := _row(data, at, pages.usable)).number > after)
-        return
-    for at in places:
-        key, _ = _varint(data, at + 4)
-        if key > after:  # the largest number below this child
-            yield from _rows(
-                pages, int.from_bytes(data[at : at + 4], "big"), after, seen, depth + 1
-            )
-    yield from _rows(
-        pages, int.from_bytes(data[base + 8 : base + 12], "big"), after, seen, depth + 1
-    )
+    return _TablePage(data, base, kind == LEAF, places)
+
+
+@dataclass(frozen=True, slots=True)
+class _Walk:
+    """Yields the rows of a table with a number above `after`: each number above the one before.
+
+    Without this order, a page whose rows are all at one place has thousands of rows, and a search
+    for each row reads the whole table.
+    """
+
+    pages: DatabasePages
+    after: int
+    seen: set[int] = field(default_factory=set)
+
+    def below(self, number: int, first: int, last: int, depth: int = 0) -> Iterator[Row]:
+        """Yield the rows of a page and of those below it, which must be from `first` to `last`."""
+        if number in self.seen or depth > DEEPEST:
+            raise Malformed(f"page {number} is in its table twice")
+        self.seen.add(number)
+        page = _table_page(self.pages, number)
+        if page.is_leaf:
+            for at in page.places:
+                found = _row(page.data, at, self.pages.usable)
+                first = _next(number, first, found.number, last)
+                if found.number > self.after:
+                    yield found
+            return
+        for place, at in enumerate(page.places):
+            key = page.key(at)
+            next_first = _next(number, first, key, last)
+            if key > self.after:
+                yield from self.below(page.child(place), first, key, depth + 1)
+            first = next_first
+        yield from self.below(page.child(len(page.places)), first, last, depth + 1)
+
+
+def _next(page: int, first: int, number: int, last: int) -> int:
+    """Return the first number that may follow `number`. Raises `Malformed`."""
+    if not first <= number <= last:
+        raise Malformed(f"page {page} has row {number} out of order")
+    return number + 1
 
 
 def _places(data: bytes, at: int, cells: int) -> tuple[int, ...]:
@@ -145,6 +214,8 @@ def _values(data: bytes, count: int | None = None) -> list[Value]:
     end, at = _varint(data, 0)
     kinds: list[int] = []
     while at < end and (count is None or len(kinds) < count):
+        if len(kinds) == MOST_COLUMNS:
+            raise Malformed(f"a row has more than {MOST_COLUMNS} columns")
         kind, at = _varint(data, at)
         if kind < 0:
             raise Malformed(f"a column of kind {kind}")

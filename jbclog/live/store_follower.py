@@ -18,6 +18,9 @@ from jbclog.record.batches import Batch, Damaged, decode
 from jbclog.record.store import FACTS, META, MOST_NOTES_BYTES, segments
 
 MOST_DAMAGE: Final = 100  # entries kept
+# batches read at once: a recorder adds some 7000 in an hour, and then seals them
+MOST_BATCHES: Final = 100_000
+MOST_NOTES: Final = 10_000
 
 
 class Sealed(Exception):
@@ -168,9 +171,9 @@ class StoreFollower:
                 return {}, [], []
             batches = [
                 (one.number, one.first_values(2)[1])
-                for one in rows(pages, tables["batch"], self.last)
+                for one in rows(pages, tables["batch"], self.last, most_rows=MOST_BATCHES)
             ]
-            notes = rows(pages, tables["note"], most_bytes=MOST_NOTES_BYTES)
+            notes = rows(pages, tables["note"], most_bytes=MOST_NOTES_BYTES, most_rows=MOST_NOTES)
             return tables, batches, [one.values(pages) for one in notes]
 
         segment.tables, batches, notes = segment.pages.snapshot(read)

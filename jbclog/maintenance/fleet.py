@@ -131,7 +131,8 @@ class StationAudit:
 @dataclass(frozen=True, slots=True)
 class FleetAudit:
     """The result of an audit. `wrong`: sentences about damaged lines of the ledger; `ledger_head`:
-    the hash of its last line.
+    the hash of its last line; `not_kept`: why the ledger could not be read, or lacks the readings
+    of this audit.
     """
 
     line: str
@@ -141,6 +142,7 @@ class FleetAudit:
     stations: tuple[StationAudit, ...]
     wrong: tuple[str, ...] = ()
     facts: tuple[Fact, ...] = ()  # recorded maintenance, oldest first
+    not_kept: tuple[str, ...] = ()
 
     @property
     def is_whole(self) -> bool:

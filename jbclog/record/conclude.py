@@ -163,10 +163,11 @@ def hot_warning(
 
     `stations` are the facts of the record, with the guard's results.
     """
-    names, why = (
-        ", ".join(sorted({*unconfirmed_leases(folder, stations), *unsafe})),
-        _lease(folder)[1],
-    )
+    try:
+        left = unconfirmed_leases(folder, stations)
+    except OSError:  # of the guard's log: it confirms no tool
+        left = {*left_leases(folder)}
+    names, why = ", ".join(sorted({*left, *unsafe})), _lease(folder)[1]
     found = []
     if names:
         found.append(f"Tools of {names} may still be hot: their safe state is not confirmed.")

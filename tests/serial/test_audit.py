@@ -275,6 +275,18 @@ def test_a_ledger_that_cannot_be_written_takes_nothing_from_what_is_told(
     assert "work_h" in (tmp_path / "a.csv").read_text(encoding="utf-8")
 
 
+def test_a_page_of_what_is_not_in_the_ledger_says_so(bench: Bench, tmp_path: Path) -> None:
+    """The first audit would be a baseline, but there is none to count from."""
+    os.mkfifo(tmp_path / "counters.jsonl")
+    ended = audit(bench.line, tmp_path / "counters.jsonl", "--html", tmp_path / "a.html")
+    assert ended.exit_code == 4
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "counters.jsonl cannot be read: is a pipe, not a file" in page
+    for told in (ended.stdout, page):
+        assert "NOT KEPT IN THE LEDGER" in told or "OVERDUE" in told
+        assert "their use counts from here" not in told
+
+
 def test_a_full_disk_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", "64k") as disk:
         (disk / "filler").write_bytes(bytes(64 << 10))

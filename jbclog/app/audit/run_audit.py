@@ -41,7 +41,8 @@ class Audited:
 
     `kept` are those added to the ledger, `unkept` those that could not be; `book` is the ledger
     with them. `verified` has the verifications beside the runs. `trouble` lists the problems with
-    all of these, `notices` what is worth knowing and in order.
+    all of these, `of_ledger` those with the ledger as a whole, `notices` what is worth knowing and
+    in order.
     """
 
     time: str
@@ -51,7 +52,13 @@ class Audited:
     unkept: list[Observation] = field(default_factory=list)
     verified: list[Fact] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
+    of_ledger: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
+
+    def ledger_fails(self, error: RecordError) -> None:
+        """Take note that the ledger cannot be read or written."""
+        self.trouble.append(str(error))
+        self.of_ledger.append(str(error))
 
 
 def audit_lines(
@@ -72,7 +79,7 @@ def audit_lines(
             held.enter_context(auditing(ledger))
         # without a lock nothing can be written; the observations are still reported
         except RecordError as error:
-            audited.trouble.append(str(error))
+            audited.ledger_fails(error)
         audited.book = _read(ledger, audited)
         audited.trouble += _wrong_with(audited.book)
         wanted = _wanted(lines, audited)
@@ -99,7 +106,7 @@ def _read(ledger: Path, audited: Audited) -> Book:
     try:
         return read_book(ledger)
     except RecordError as error:
-        audited.trouble.append(str(error))
+        audited.ledger_fails(error)
         return audited.book
 
 
@@ -129,7 +136,7 @@ def _keep_the_rest(ledger: Path, audited: Audited) -> None:
             audited.kept += add(ledger, unkept)
         except RecordError as error:
             audited.unkept = unkept
-            audited.trouble.append(str(error))
+            audited.ledger_fails(error)
 
 
 def _wanted(lines: Sequence[Line], audited: Audited) -> list[SurveyTarget]:
@@ -188,9 +195,10 @@ def fleet_audit(
     }
     seen = sorted(audited.seen, key=lambda one: order[one.line, one.station])
     tasks = tasks if runs is None else with_never(tasks, runs)
-    return fleet_of(
+    found = fleet_of(
         audited.book, seen, audited.time, tasks, watts, [*audited.unkept, *audited.verified]
     )
+    return replace(found, not_kept=tuple(audited.of_ledger))
 
 
 def _stations(lines: Sequence[Line]) -> Iterator[tuple[Line, StationSpec]]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 from jbclog.app.watch import words
@@ -38,7 +39,7 @@ class Feed:
     def change(self, state: RunState | None, queues: Sequence[BatchQueue] = ()) -> str:
         """Return a new state with the new points of its traces; None: there is no run."""
         self._queues = queues
-        is_other = self._state is None or state is None or self._state.folder != state.folder
+        is_other = _run_of(self._state) is None or _run_of(self._state) != _run_of(state)
         sent = {} if is_other else self._sent
         self._state = state
         if state is None:
@@ -59,6 +60,11 @@ class Feed:
         ports = () if self._state is None else self._state.ports
         found = next((port.hour for port in ports if f"{port.station} {port.port}" == key), None)
         return None if found is None else json_line(_points(found, None))
+
+
+def _run_of(state: RunState | None) -> tuple[Path, str | None] | None:
+    """Return what tells a run from another; a folder may be replaced by that of another run."""
+    return None if state is None else (state.folder, state.started)
 
 
 def _message(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 import unicodedata
@@ -13,6 +14,7 @@ from typing import NamedTuple
 
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
+from jbclog.core.foreign.json_reader import LARGEST, WHOLE
 
 # tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys
 # (docs/reference/faults.md, F-33). `KeyScan` runs first, over each character once: it finds the
@@ -259,6 +261,7 @@ class KeyScan:
 
 
 MAX_BYTES = LIMITS[Kind.SETTINGS]
+LONGEST_SHOWN = 40  # characters of a number in a message
 MAX_PROBLEMS = 100  # per file; more are only counted
 # control, bidirectional and other invisible characters
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
@@ -414,6 +417,28 @@ def _hidden_in(source: TomlText, key: KeyPath, value: object) -> Iterator[Proble
         bad = next((sign for sign in value if unicodedata.category(sign) in _HIDDEN), None)
         if bad is not None:
             yield source.problem(key, _holds(bad))
+
+
+def too_large(source: TomlText) -> list[Problem]:
+    """Return a problem for each number that a run's manifest could not hold: `read_json` would
+    refuse it.
+    """
+    return list(_too_large_in(source, (), source.tables))
+
+
+def _too_large_in(source: TomlText, key: KeyPath, value: object) -> Iterator[Problem]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _too_large_in(source, (*key, name), inner)
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            yield from _too_large_in(source, (*key, place), inner)
+    elif (isinstance(value, int) and not -WHOLE <= value <= WHOLE) or (
+        isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST
+    ):
+        shown = repr(value)
+        shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[:LONGEST_SHOWN]}..."
+        yield source.problem(key, f"{shown} is not allowed; numbers are at most {LARGEST:g}")
 
 
 def _holds(sign: str) -> str:

@@ -13,7 +13,7 @@ from math import floor, isfinite
 from typing import Final
 
 from jbclog.config.tasks_file import DAYS
-from jbclog.core.durable_files import MOST_FAULTS
+from jbclog.core.durable_files import CUT_OFF, MOST_FAULTS
 from jbclog.core.text import count_text, number
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State, TaskState
@@ -214,7 +214,7 @@ def is_baseline(audit: FleetAudit) -> bool:
     """Whether all stations were read for the first time and nothing is due: there is nothing to
     compare with yet.
     """
-    is_calm = not audit.wrong and not any(
+    is_calm = not (audit.wrong or audit.not_kept) and not any(
         one.doubts or any(task.state in URGENT for task in one.tasks) for one in audit.stations
     )
     return (
@@ -232,11 +232,25 @@ def _headline(
     style, sign, word, number = counts[0]
     if is_baseline(audit):
         return BASELINE
+    doubt = _doubt(audit)
+    if doubt is not None and word in ("fine", "no task"):
+        return ("unknown", "?", doubt)
     if word == "fine":
         return (style, sign, "NOTHING IS DUE")
     if word == "no task":
         return (style, sign, "NO TASK DEFINED")
     return (style, sign, f"{number} {word.upper()}")
+
+
+def _doubt(audit: FleetAudit) -> str | None:
+    """Return why it is not known that nothing is due. A line that a crash cut off was never
+    acknowledged: nothing is missing.
+    """
+    if audit.not_kept:
+        return "NOT KEPT IN THE LEDGER"
+    if any(not text.endswith(CUT_OFF) for text in audit.wrong):
+        return "NOT KNOWN: THE LEDGER IS DAMAGED"
+    return None
 
 
 def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
@@ -255,6 +269,7 @@ def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     doubts = sum(len(station.doubts) for station in audit.stations)
     if doubts:
         found.append(f"{count_text(doubts, 'counter')} changed implausibly; see counter changes")
+    found += audit.not_kept
     if audit.wrong:
         lines = (
             count_text(len(audit.wrong), "line")

@@ -257,6 +257,18 @@ def test_a_link_to_itself_is_no_internal_error(place: Path, words: tuple[str, ..
     assert "error: " in ended.stderr
 
 
+@pytest.mark.parametrize("words", [("runs",), ("check", "x"), ("watch", "--web"), ("doctor",)])
+def test_a_current_folder_that_was_removed_is_no_internal_error(
+    place: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    (place / "gone").mkdir()
+    monkeypatch.chdir(place / "gone")
+    (place / "gone").rmdir()
+    assert refused(*words) == (
+        "error: the current folder was removed; change into another one (`cd`) and try again\n"
+    )
+
+
 def test_memory_that_is_refused_to_the_end_is_one_line_and_exit_code_4(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

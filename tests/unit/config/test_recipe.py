@@ -395,6 +395,28 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
         ('[recipe]\nname = "x"\nrevision = 1\nfamilies = []\n', None),
         (HEAD.replace('"ucr"', '"dde"'), 'job.toml:4: recipe.families: "dde" is listed twice'),
         (HEAD.replace('"job"', '"j\\u202eob"'), None),
+        (
+            # a manifest cannot hold it: the run would be recorded, and unreadable
+            HEAD + "[acceptance]\nalarms_max = 99999999999999999999\n",
+            (
+                "job.toml:6: acceptance.alarms_max: 99999999999999999999 is not allowed; numbers"
+                " are at most 4.61169e+18"
+            ),
+        ),
+        (
+            HEAD + "[acceptance]\nlongest_gap_s = 1e308\n",
+            (
+                "job.toml:6: acceptance.longest_gap_s: 1e+308 is not allowed; numbers are at most"
+                " 4.61169e+18"
+            ),
+        ),
+        (
+            HEAD.replace("revision = 1", "revision = 99999999999999999999"),
+            (
+                "job.toml:3: recipe.revision: 99999999999999999999 is not allowed; a whole number"
+                " from 0 on"
+            ),
+        ),
         (HEAD + "# \u202e hidden\n", "job.toml:5: holds the hidden or control character U+202E"),
     ]
 )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import os
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -231,3 +232,28 @@ def test_a_guard_that_stays_is_not_waited_for_without_end(
     with guard_lock(run):
         assert settle(run.parent, [URL], nobody) == []
     assert read_leases(run) == [LEASE, OTHER]
+
+
+def test_of_many_leases_the_newest_are_settled_and_the_others_told(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Forged ones, with settings that no station answers to, would keep a start for minutes."""
+    newer, open_run = run.with_name("run-2"), run.with_name("run-0")
+    for folder in (newer, open_run):
+        folder.mkdir()
+        write_leases(folder, [LEASE])
+    monkeypatch.setattr(open_leases, "SETTLE_S", 0.05)
+
+    def slow(folder: Path, *_: object) -> LeftOver:
+        time.sleep(0.06)
+        return LeftOver(True, folder.name)
+
+    monkeypatch.setattr(open_leases, "_settle", slow)
+    assert settle(run.parent, [URL], lambda folder: folder == open_run) == [
+        LeftOver(True, "run-2"),
+        LeftOver(
+            False,
+            f"{run / 'lease.json'} had no turn within 0 s: whether run run left tools hot is not"
+            " known. Make them safe with `jbclog safe`.",
+        ),
+    ]

@@ -678,6 +678,33 @@ def test_a_folder_that_is_removed(recording: Recording, follower: Follower) -> N
     assert {port.condition for port in run.ports} == {Condition.STALE}
 
 
+@pytest.mark.parametrize("moved", ["the folder", "its files"])
+def test_a_folder_with_another_run_under_the_same_name_is_read_anew(
+    tmp_path: Path, clock: StandingClock, moved: str
+) -> None:
+    """The header of one run over the rows and events of another would be false."""
+    first = Recording(tmp_path / "runs")
+    first.rows(30)
+    first.commit()
+    first.finalize()
+    other = Recording(tmp_path / "elsewhere", began_us=first.began_us + 60_000_000)
+    other.rows(2)
+    other.commit()
+    other.finalize()
+    with Follower(tmp_path / "runs", clock) as follower:
+        assert whole(follower).ports[0].coverage.due == 30
+        if moved == "the folder":
+            shutil.rmtree(first.folder)
+            shutil.copytree(other.folder, first.folder)
+        else:
+            shutil.rmtree(first.folder / "samples")
+            shutil.copytree(other.folder, first.folder, dirs_exist_ok=True)
+        run = whole(follower)
+        alone = whole(Follower(first.folder, clock))
+    assert run.ports[0].coverage.due == 2
+    assert (run.started, run.events) == (alone.started, alone.events)
+
+
 def test_a_run_of_a_newer_jbclog_is_not_read(recording: Recording, follower: Follower) -> None:
     recording.rows(1)
     recording.commit()

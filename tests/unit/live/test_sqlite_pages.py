@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.live import sqlite_pages
 from jbclog.live.sqlite_pages import DatabasePages, Malformed
 from jbclog.live.sqlite_rows import Value, roots, row, rows
 
@@ -362,6 +363,14 @@ def leaf(*cells: bytes, base: int = 0) -> bytes:
     return bytes(data)
 
 
+def branch(*below: tuple[int, int]) -> bytes:
+    """A page with pages below it: their number, and the largest number of their rows."""
+    data = bytearray(leaf(*(page.to_bytes(4, "big") + varint(key) for page, key in below[:-1])))
+    places = data[8 : 8 + 2 * (len(below) - 1)]
+    data[0], data[8:12], data[12 : 12 + len(places)] = 5, below[-1][0].to_bytes(4, "big"), places
+    return bytes(data)
+
+
 def first(*cells: bytes) -> bytes:
     data = bytearray(leaf(*cells, base=100))
     data[:20] = b"SQLite format 3\0" + PAGE.to_bytes(2, "big") + b"\2\2"
@@ -388,6 +397,27 @@ FORGED = {
         ring(2),
         leaf(endless(1, 200 << 20, 2)),
     ],
+    "all rows of a page at one place": [
+        first(cell(1, record(*TABLE))),
+        ring(2),
+        leaf(*[cell(1, record("x"))] * 2)[:10] + b"\x01\xfb" + leaf(cell(1, record("x")))[12:],
+    ],
+    "a row below the one before": [
+        first(cell(1, record(*TABLE))),
+        ring(2),
+        leaf(cell(2, record("x")), cell(1, record("x"))),
+    ],
+    "a page below with rows of the page before it": [
+        first(cell(1, record(*TABLE))),
+        leaf(cell(1, record("x"))),
+        branch((2, 5), (4, 6)),
+        leaf(cell(1, record("x"))),
+    ],
+    "a row of more columns than any": [
+        first(cell(1, record(*TABLE))),
+        ring(2),
+        leaf(cell(1, varint(41) + varint(0) * 40)),
+    ],
     "a column of a kind below zero": [
         first(cell(1, record(*TABLE))),
         ring(2),
@@ -401,6 +431,40 @@ def test_a_forged_file_is_malformed(tmp_path: Path, forged: list[bytes]) -> None
     (tmp_path / "a.sqlite").write_bytes(b"".join(forged))
     with pytest.raises(Malformed):
         read_once(tmp_path / "a.sqlite")
+
+
+def test_rows_are_no_more_than_a_reader_takes(tmp_path: Path) -> None:
+    path = tmp_path / "t.sqlite"
+    with closing(made(path, *range(20))), closing(DatabasePages(path)) as pages:
+        pages.snapshot(lambda one: list(rows(one, roots(one)["t"], 10, most_rows=10)))
+        with pytest.raises(Malformed, match="more than 9 rows"):
+            pages.snapshot(lambda one: list(rows(one, roots(one)["t"], 10, most_rows=9)))
+
+
+def test_frames_behind_the_last_commit_are_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log whose last commit never ends costs its time once, not with each row that is read."""
+    path, summed = tmp_path / "t.sqlite", []
+    check_sums = sqlite_pages._check_sums
+
+    def counted(order: str, data: bytes, sums: tuple[int, int]) -> tuple[int, int]:
+        summed.append(len(data))
+        return check_sums(order, data, sums)
+
+    monkeypatch.setattr(sqlite_pages, "_check_sums", counted)
+    with closing(made(path, "before")) as db, closing(DatabasePages(path)) as pages:
+        db.execute("PRAGMA cache_size = 1")  # it writes frames before the commit
+        db.execute("BEGIN")
+        for _ in range(100):
+            db.execute("INSERT INTO t (value) VALUES (?)", (bytes(5000),))
+        assert len(pages.snapshot(read_all)) == 1
+        assert len(summed) > 200
+        summed.clear()
+        assert len(pages.snapshot(read_all)) == 1
+        assert not summed
+        db.execute("COMMIT")
+        assert len(pages.snapshot(read_all)) == 101
 
 
 def test_a_list_of_tables_with_too_few_columns_names_none(tmp_path: Path) -> None:

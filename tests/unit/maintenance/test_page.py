@@ -15,6 +15,7 @@ import pytest
 from matplotlib import rc_context
 
 from jbclog.cli.audit_end import lines
+from jbclog.core.durable_files import CUT_OFF
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import FleetAudit
 from jbclog.report.audit.overview import overview_of
@@ -94,6 +95,24 @@ def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
         (
             lambda: replace(first(fleets.unknown_task(0)), wrong=("line 1 was changed",)),
             "? 1 NOT KNOWN",
+        ),
+        (
+            lambda: replace(
+                fleets.fleet(fleets.station("a", 1, tasks=(fleets.task(0, 9),))),
+                wrong=("c.jsonl: line 1 is no line of a ledger, or was changed",),
+            ),
+            "? NOT KNOWN: THE LEDGER IS DAMAGED",
+        ),
+        (
+            lambda: replace(
+                fleets.fleet(fleets.station("a", 1, tasks=(fleets.task(0, 9),))),
+                wrong=(f"c.jsonl: line 4 {CUT_OFF}",),
+            ),
+            "✓ NOTHING IS DUE",
+        ),
+        (
+            lambda: replace(first(), not_kept=("c.jsonl cannot be read: is a pipe, not a file",)),
+            "? NOT KEPT IN THE LEDGER",
         ),
         (
             lambda: fleets.fleet(

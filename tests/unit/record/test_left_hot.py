@@ -325,3 +325,20 @@ def test_recover_ends_with_5_where_the_guard_could_not_make_a_tool_safe(left: Le
     action_log.write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 2)
     assert invoked("recover", folder).exit_code == 5
     assert (told(folder), read_manifest(folder).exit_code) == ([], 5)
+
+
+@pytest.mark.parametrize("stands_in", ["a pipe", "a folder", "a link"])
+def test_a_guards_log_that_cannot_be_read_confirms_no_tool(tmp_path: Path, stands_in: str) -> None:
+    """`watch` asks twice a second; the error would end it."""
+    (tmp_path / "lease.json").write_text('{"name": "dde-1", "ports": [1]}\n')
+    log = tmp_path / "guard.jsonl"
+    {
+        "a pipe": lambda: os.mkfifo(log),
+        "a folder": log.mkdir,
+        "a link": lambda: log.symlink_to("/dev/zero"),
+    }[stands_in]()
+    facts = StationFacts("dde-1", "/dev/dde-1", "dde", ports=[1])
+    assert conclude.hot_warning(tmp_path, [facts]) == (
+        "Tools of dde-1 may still be hot: their safe state is not confirmed. `jbclog safe`, or a"
+        " new run on their ports, makes them safe."
+    )

@@ -124,6 +124,7 @@
     heard = performance.now();
     document.body.classList.remove("lost");
     if (message.trouble) { nothingKnown(message.trouble, "NOT READABLE", "not readable"); return; }
+    if (message.whole) delete find("events").dataset.state;
     if (message.whole) for (const tile of tiles.values()) tile.trace.seconds.length = tile.trace.temperature.length = tile.trace.power.length = 0;
     if (last && last.folder !== message.folder) { hour = null; if (open) plot.whole(); find("span").value = "minute"; }
     last = message;
