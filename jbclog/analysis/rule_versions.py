@@ -69,6 +69,12 @@ VERSIONS: Final = (
         frozenset(OF_JOINTS),
         gone=frozenset(OF_JOINTS),
     ),
+    Version(
+        7,
+        "where a joint would not stand out from the noise, none found is not known",
+        frozenset(OF_JOINTS),
+        gone=frozenset(OF_JOINTS),
+    ),
 )
 RULES: Final = VERSIONS[-1].number
 """The version that judges new runs."""
