@@ -70,12 +70,16 @@ class FeederEvidence:
 
 
 def feeder_evidence(
-    series: Series, draws: Sequence[Draw], flows: Sequence[Flow], wire_decides: bool | None
+    series: Series,
+    draws: Sequence[Draw],
+    flows: Sequence[Flow],
+    wire_decides: bool | None,
+    noise: float = 0.0,
 ) -> FeederEvidence | None:
     """Compare the draws of a port with its feeds; None without a feeder.
 
-    `flows` are the flows in which the draws were found. `wire_decides` is the recipe's choice, None
-    if it has none.
+    `flows` are the flows in which the draws were found, and `noise` theirs in ‰. `wire_decides` is
+    the recipe's choice, None if it has none.
     """
     events = feed_events(series) if len(series.seconds) else None
     if events is None:
@@ -100,7 +104,7 @@ def feeder_evidence(
         for one, feeds in zip(merged, draw_feeds, strict=True)
     ]
     fed = [one._replace(is_unfed=True) if one.fed is False else one for one in fed]
-    found = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s)
+    found = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s, noise)
     others = [one._replace(fed=_fed(series, one, [], events, True)) for one in nearby]
     without = len(nearby) + seen - with_wire
     alone = events.number - sum(
@@ -429,6 +433,7 @@ def _cut(
     by_time: FlowByTime,
     period_s: float,
     interval_s: float,
+    noise: float,
 ) -> list[Draw]:
     """Cut the draws that have the feeds of several joints, between the feeds."""
     parts: list[Draw] = []
@@ -442,7 +447,7 @@ def _cut(
             < draw.end_s
             and (
                 not (feed.is_seen and after.is_seen)
-                or has_fallen(by_time, feed.start_s, moment, after.end_s, period_s)
+                or has_fallen(by_time, feed.start_s, moment, after.end_s, period_s, noise)
             )
         ]
         parts += cut_draw(draw, moments, by_time, period_s) if moments else [draw]
