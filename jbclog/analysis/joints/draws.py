@@ -77,8 +77,13 @@ def kind_of_draw(
     """Return the kind of a draw with these fields."""
     if is_unfed:
         return NOT_KNOWN
-    sure = dwell_s >= SURE_DWELL_S and (heat or 0.0) >= SURE_HEAT and (peak or 0.0) >= SURE_PEAK
-    return JOINT if (fed and heat is not None) or sure else NOT_KNOWN
+    is_fed = fed and heat is not None
+    return JOINT if is_fed or is_large(dwell_s, heat, peak) else NOT_KNOWN
+
+
+def is_large(dwell_s: float, heat: float | None, peak: float | None) -> bool:
+    """Return whether a draw with these fields is as large as joints are."""
+    return dwell_s >= SURE_DWELL_S and (heat or 0.0) >= SURE_HEAT and (peak or 0.0) >= SURE_PEAK
 
 
 def is_joint(draw: Draw, settings: JointSettings) -> bool:

@@ -6,9 +6,12 @@ A seen feed (`feed_events`) belongs to the draw that it overlaps most, or that b
 belong to draws between the two readings that have no feed yet, the largest draw first; the rest are
 placed in the longest free interval between the other feeds.
 
+Wire is pushed while the tip is on the work. So if draws begin later than their feeds in the median,
+the heat is shown late, and all draws are moved earlier by that much.
+
 The feeder decides if a recipe says so and, by default, if at least half of the draws have a feed.
 Then a draw with a feed is a joint, and lasts at least as long as wire was pushed. A draw without
-one counts, with its kind not known. But near the feed of another draw, at less than
+one counts if it is as large as joints are, with its kind not known. But near the feed of another draw, at less than
 `ONE_JOINT_SHARE` of the usual time between feeds, it is not a joint of its own: it is a piece of
 that draw if no more than `PIECE_S` lie between them. And each feed is a joint:
 
@@ -25,7 +28,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -37,6 +40,7 @@ from jbclog.analysis.joints.draws import (
     FlowByTime,
     cut_draw,
     has_fallen,
+    is_large,
     lowest_between,
     merged_draw,
 )
@@ -50,6 +54,7 @@ PIECE_S: Final = 1.0
 ONE_JOINT_SHARE: Final = 0.5
 MOST_INTERVAL_S: Final = 6.0
 LEAST_INTERVAL_S: Final = 0.2
+LEAST_FEEDS: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +89,11 @@ def feeder_evidence(
     events = feed_events(series) if len(series.seconds) else None
     if events is None:
         return None
-    interval_s = _usual_interval_s(events)
+    interval_s, late_s = _usual_interval_s(events), _behind_feeds_s(draws, events, series.period_s)
+    earlier = [_moved(draw, late_s) for draw in draws] if late_s else draws
+    flows = [replace(one, stretch=one.stretch.earlier(late_s)) for one in flows]
     merged, draw_feeds = _with_feeds(
-        series, _joined_by_feeds(draws, events.seen, series.period_s), events
+        series, _joined_by_feeds(earlier, events.seen, series.period_s), events
     )
     merged, draw_feeds, nearby = _merge_pieces(merged, draw_feeds, interval_s)
     with_wire = sum(
@@ -104,13 +111,22 @@ def feeder_evidence(
         for one, feeds in zip(merged, draw_feeds, strict=True)
     ]
     fed = [one._replace(is_unfed=True) if one.fed is False else one for one in fed]
-    found = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s, noise)
-    others = [one._replace(fed=_fed(series, one, [], events, True)) for one in nearby]
+    cut = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s, noise)
+    found = [one for one in cut if not _is_weak(one)]
+    others = [
+        *(one._replace(fed=_fed(series, one, [], events, True)) for one in nearby),
+        *(one for one in cut if _is_weak(one)),
+    ]
     without = len(nearby) + seen - with_wire
     alone = events.number - sum(
         len(feeds) for draw, feeds in zip(merged, draw_feeds, strict=True) if draw.heat is not None
     )
     return FeederEvidence(found, others, events.number, events.counted, alone, without, True)
+
+
+def _is_weak(draw: Draw) -> bool:
+    """Return whether neither feeder nor heat shows a joint."""
+    return draw.is_unfed and draw.cut is None and not is_large(draw.dwell_s, draw.heat, draw.peak)
 
 
 def _without_decision(series: Series, draws: Sequence[Draw], events: FeedEvents) -> FeederEvidence:
@@ -130,6 +146,25 @@ def _usual_interval_s(events: FeedEvents) -> float:
         [*(one.middle_s for one in events.seen), *_counted_moments(events.counted_only)]
     )
     return float(np.median(np.diff(moments))) if len(moments) > 2 else 0.0
+
+
+def _behind_feeds_s(draws: Sequence[Draw], events: FeedEvents, period_s: float) -> float:
+    """Return by how much draws begin later than their feeds in the median, in s; 0 if they do not,
+    or for fewer than `LEAST_FEEDS`.
+    """
+    draw_feeds, _ = _feeds_of_draws(draws, events, period_s)
+    behind = [
+        draw.start_s - feeds[0].start_s
+        for draw, feeds in zip(draws, draw_feeds, strict=True)
+        if feeds and feeds[0].is_seen
+    ]
+    return max(float(np.median(behind)), 0.0) if len(behind) >= LEAST_FEEDS else 0.0
+
+
+def _moved(draw: Draw, late_s: float) -> Draw:
+    return draw._replace(
+        start_s=draw.start_s - late_s, end_s=draw.end_s - late_s, late_s=draw.late_s + late_s
+    )
 
 
 def _counted_moments(counted: Sequence[CountedFeeds]) -> list[float]:
