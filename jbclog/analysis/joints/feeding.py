@@ -9,11 +9,12 @@ placed in the longest free interval between the other feeds.
 Wire is pushed while the tip is on the work. So if draws begin later than their feeds in the median,
 the heat is shown late, and all draws are moved earlier by that much.
 
-The feeder decides if a recipe says so and, by default, if at least half of the draws have a feed.
-Then a draw with a feed is a joint, and lasts at least as long as wire was pushed. A draw without
-one counts if it is as large as joints are, with its kind not known. But near the feed of another draw, at less than
-`ONE_JOINT_SHARE` of the usual time between feeds, it is not a joint of its own: it is a piece of
-that draw if no more than `PIECE_S` lie between them. And each feed is a joint:
+The feeder decides if a recipe says so and, by default, unless more draws lack a feed than there are
+feeds. Then a draw with a feed is a joint, and lasts at least as long as wire was pushed. A draw
+without one counts if it is as large as joints are, with its kind not known. But near the feed of
+another draw, at less than `ONE_JOINT_SHARE` of the usual time between feeds, it is not a joint of
+its own: it is a piece of that draw if no more than `PIECE_S` lie between them. And each feed is a
+joint:
 
 - A feed without a draw, while the tool works, is a joint of low confidence: where it was seen or,
   if it was only counted, somewhere between the two readings, which may be at most `MOST_INTERVAL_S`
@@ -21,7 +22,7 @@ that draw if no more than `PIECE_S` lie between them. And each feed is a joint:
 - Several feeds in one draw are several joints, cut where the flow is lowest between them, with half
   of the draw's confidence. They stay one joint if the next feed comes in less than
   `ONE_JOINT_SHARE` of the usual time between feeds, or if the flow does not fall between them
-  although the sampling rate would show it.
+  although the sampling rate and the noise would show it.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def feeder_evidence(
     )
     seen = sum(draw.heat is not None for draw in merged)
     decides = bool(events.number) and (
-        2 * with_wire >= seen if wire_decides is None else wire_decides
+        events.number >= seen - with_wire if wire_decides is None else wire_decides
     )
     if not decides:
         return _without_decision(series, draws, events)
@@ -150,11 +151,11 @@ def _usual_interval_s(events: FeedEvents) -> float:
 
 def _behind_feeds_s(draws: Sequence[Draw], events: FeedEvents, period_s: float) -> float:
     """Return by how much draws begin later than their feeds in the median, in s; 0 if they do not,
-    or for fewer than `LEAST_FEEDS`.
+    or for fewer than `LEAST_FEEDS`. A feed began half a period before it was seen, on average.
     """
     draw_feeds, _ = _feeds_of_draws(draws, events, period_s)
     behind = [
-        draw.start_s - feeds[0].start_s
+        draw.start_s - (feeds[0].start_s - period_s / 2)
         for draw, feeds in zip(draws, draw_feeds, strict=True)
         if feeds and feeds[0].is_seen
     ]
