@@ -69,6 +69,13 @@ VERSIONS: Final = (
         frozenset(OF_JOINTS),
         gone=frozenset(OF_JOINTS),
     ),
+    Version(
+        7,
+        "where a joint would not stand out from the noise, none found is not known; with a feeder,"
+        " weak draws without a feed are no joints, and joints begin no later than their feeds",
+        frozenset(OF_JOINTS),
+        gone=frozenset(OF_JOINTS),
+    ),
 )
 RULES: Final = VERSIONS[-1].number
 """The version that judges new runs."""

@@ -109,6 +109,11 @@ def find_contacts(
     return _contacts(signals, first[high], last[high])
 
 
+def least_peak(noise: Noise) -> float:
+    """Return the flow in ‰ that a contact reaches; what stays below is not found."""
+    return max(HIGH_NOISES * noise.flow, noise.floors * HIGH_PERMILLE)
+
+
 @dataclass(frozen=True, slots=True)
 class _Signals:
     """The flow of stretches and what is derived from it: rate of change, coarse flow, limits.
@@ -128,8 +133,7 @@ class _Signals:
 
     @property
     def high(self) -> float:
-        """Limit in ‰ that a contact reaches."""
-        return max(HIGH_NOISES * self.noise.flow, self.noise.floors * HIGH_PERMILLE)
+        return least_peak(self.noise)
 
     @property
     def low(self) -> float:

@@ -12,7 +12,8 @@ If doubt is above its limit, the number is not known, and the least and the most
 reported instead. The limits were chosen on simulated plants; docs/explanation/joints.md has the
 figures. No assumption reveals a joint between two readings, or two joints without a reading between
 them. So at periods above `SLOW_S` a contact longer than `LONG_S` is in doubt, and no joints found
-is "not known", not none.
+is "not known", not none. Nor does any reveal joints that all stay below the noise: no joints found
+is "not known" where a draw of `SURE_PEAK` would not stand out.
 
 In a long record, doubt is measured in the windows that the model comes from (`identify`).
 """
@@ -25,8 +26,8 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.contacts import Flow, flow_into_work
-from jbclog.analysis.joints.draws import Draw, find_draws, is_joint
+from jbclog.analysis.joints.contacts import Flow, flow_into_work, least_peak
+from jbclog.analysis.joints.draws import SURE_PEAK, Draw, find_draws, is_joint
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.identify import model_windows
 from jbclog.analysis.joints.parameters import JointSettings
@@ -71,12 +72,14 @@ class Doubt:
     assumption.
 
     `looked_at` is the number of joints without an assumption, in the windows examined.
+    `seen_from` is the flow in ‰ from which a draw is found, at the tool with the most noise.
     """
 
     share: float
     least: int
     most: int
     looked_at: int
+    seen_from: float
 
 
 def doubt_of(tools: Sequence[Tool], settings: JointSettings) -> Doubt:
@@ -96,7 +99,13 @@ def doubt_of(tools: Sequence[Tool], settings: JointSettings) -> Doubt:
             )
             counts[number] += same + appeared
     every = [total, *counts.tolist()]
-    return Doubt(float(changed.mean()) / max(total, 1), round(min(every)), round(max(every)), total)
+    return Doubt(
+        float(changed.mean()) / max(total, 1),
+        round(min(every)),
+        round(max(every)),
+        total,
+        max(least_peak(tool.model.noise) for tool in tools),
+    )
 
 
 def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
@@ -104,6 +113,11 @@ def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
     allowed = MOST_DOUBT_SLOW if period_s > SLOW_S else MOST_DOUBT
     if period_s > SLOW_S and not joints:
         return f"None were found, but readings {period_s:g} s apart do not show short joints."
+    if doubt.seen_from > SURE_PEAK and not joints:
+        return (
+            f"None were found, but only a draw of {doubt.seen_from:.0f} ‰ or more stands out from"
+            f" the noise of these readings, and a joint may have {SURE_PEAK:.0f} ‰."
+        )
     if doubt.share <= allowed:
         return None
     share = joints / doubt.looked_at if doubt.looked_at else 1.0

@@ -26,6 +26,7 @@ SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.5, 65.0, 80.0
 FEW_READINGS: Final = 3
 CUT_CONFIDENCE: Final = 0.5  # factor on the confidence of a draw that is cut
 FALLEN_SHARE: Final = 0.7  # a flow between two feeds below this share of the lower side has fallen
+SHOWN_NOISES: Final = 6.0  # of noise: a fall from a lower flow would not stand out
 SLOWEST_PERIOD_S: Final = 0.25  # longest period that shows the flow between two joints
 JOINT, NOT_KNOWN = "joint", "not known"
 ENDS = "The record, or the tool's work, ends in it."
@@ -76,8 +77,13 @@ def kind_of_draw(
     """Return the kind of a draw with these fields."""
     if is_unfed:
         return NOT_KNOWN
-    sure = dwell_s >= SURE_DWELL_S and (heat or 0.0) >= SURE_HEAT and (peak or 0.0) >= SURE_PEAK
-    return JOINT if (fed and heat is not None) or sure else NOT_KNOWN
+    is_fed = fed and heat is not None
+    return JOINT if is_fed or is_large(dwell_s, heat, peak) else NOT_KNOWN
+
+
+def is_large(dwell_s: float, heat: float | None, peak: float | None) -> bool:
+    """Return whether a draw with these fields is as large as joints are."""
+    return dwell_s >= SURE_DWELL_S and (heat or 0.0) >= SURE_HEAT and (peak or 0.0) >= SURE_PEAK
 
 
 def is_joint(draw: Draw, settings: JointSettings) -> bool:
@@ -205,16 +211,22 @@ def lowest_between(by_time: FlowByTime, start_s: float, end_s: float, period_s: 
 
 
 def has_fallen(
-    by_time: FlowByTime, before_s: float, valley_s: float, after_s: float, period_s: float
+    by_time: FlowByTime,
+    before_s: float,
+    valley_s: float,
+    after_s: float,
+    period_s: float,
+    noise: float,
 ) -> bool:
     """Return whether the flow falls at a moment between two others; also True if the sampling rate
-    cannot show it.
+    or the `noise` of the flow, in ‰, cannot show it.
     """
     _, before = by_time.between(before_s, valley_s)
     _, after = by_time.between(valley_s, after_s)
     if period_s > SLOWEST_PERIOD_S or not len(before) or not len(after):
         return True
-    return float(after[0]) <= FALLEN_SHARE * min(float(before.max()), float(after.max()))
+    lower = min(float(before.max()), float(after.max()))
+    return float(after[0]) <= FALLEN_SHARE * lower or lower < SHOWN_NOISES * noise
 
 
 def cut_draw(

@@ -6,11 +6,15 @@ A seen feed (`feed_events`) belongs to the draw that it overlaps most, or that b
 belong to draws between the two readings that have no feed yet, the largest draw first; the rest are
 placed in the longest free interval between the other feeds.
 
-The feeder decides if a recipe says so and, by default, if at least half of the draws have a feed.
-Then a draw with a feed is a joint, and lasts at least as long as wire was pushed. A draw without
-one counts, with its kind not known. But near the feed of another draw, at less than
-`ONE_JOINT_SHARE` of the usual time between feeds, it is not a joint of its own: it is a piece of
-that draw if no more than `PIECE_S` lie between them. And each feed is a joint:
+Wire is pushed while the tip is on the work. So if draws begin later than their feeds in the median,
+the heat is shown late, and all draws are moved earlier by that much.
+
+The feeder decides if a recipe says so and, by default, unless more draws lack a feed than there are
+feeds. Then a draw with a feed is a joint, and lasts at least as long as wire was pushed. A draw
+without one counts if it is as large as joints are, with its kind not known. But near the feed of
+another draw, at less than `ONE_JOINT_SHARE` of the usual time between feeds, it is not a joint of
+its own: it is a piece of that draw if no more than `PIECE_S` lie between them. And each feed is a
+joint:
 
 - A feed without a draw, while the tool works, is a joint of low confidence: where it was seen or,
   if it was only counted, somewhere between the two readings, which may be at most `MOST_INTERVAL_S`
@@ -18,14 +22,14 @@ that draw if no more than `PIECE_S` lie between them. And each feed is a joint:
 - Several feeds in one draw are several joints, cut where the flow is lowest between them, with half
   of the draw's confidence. They stay one joint if the next feed comes in less than
   `ONE_JOINT_SHARE` of the usual time between feeds, or if the flow does not fall between them
-  although the sampling rate would show it.
+  although the sampling rate and the noise would show it.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -37,6 +41,7 @@ from jbclog.analysis.joints.draws import (
     FlowByTime,
     cut_draw,
     has_fallen,
+    is_large,
     lowest_between,
     merged_draw,
 )
@@ -50,6 +55,7 @@ PIECE_S: Final = 1.0
 ONE_JOINT_SHARE: Final = 0.5
 MOST_INTERVAL_S: Final = 6.0
 LEAST_INTERVAL_S: Final = 0.2
+LEAST_FEEDS: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +76,25 @@ class FeederEvidence:
 
 
 def feeder_evidence(
-    series: Series, draws: Sequence[Draw], flows: Sequence[Flow], wire_decides: bool | None
+    series: Series,
+    draws: Sequence[Draw],
+    flows: Sequence[Flow],
+    wire_decides: bool | None,
+    noise: float = 0.0,
 ) -> FeederEvidence | None:
     """Compare the draws of a port with its feeds; None without a feeder.
 
-    `flows` are the flows in which the draws were found. `wire_decides` is the recipe's choice, None
-    if it has none.
+    `flows` are the flows in which the draws were found, and `noise` theirs in ‰. `wire_decides` is
+    the recipe's choice, None if it has none.
     """
     events = feed_events(series) if len(series.seconds) else None
     if events is None:
         return None
-    interval_s = _usual_interval_s(events)
+    interval_s, late_s = _usual_interval_s(events), _behind_feeds_s(draws, events, series.period_s)
+    earlier = [_moved(draw, late_s) for draw in draws] if late_s else draws
+    flows = [replace(one, stretch=one.stretch.earlier(late_s)) for one in flows]
     merged, draw_feeds = _with_feeds(
-        series, _joined_by_feeds(draws, events.seen, series.period_s), events
+        series, _joined_by_feeds(earlier, events.seen, series.period_s), events
     )
     merged, draw_feeds, nearby = _merge_pieces(merged, draw_feeds, interval_s)
     with_wire = sum(
@@ -91,7 +103,7 @@ def feeder_evidence(
     )
     seen = sum(draw.heat is not None for draw in merged)
     decides = bool(events.number) and (
-        2 * with_wire >= seen if wire_decides is None else wire_decides
+        events.number >= seen - with_wire if wire_decides is None else wire_decides
     )
     if not decides:
         return _without_decision(series, draws, events)
@@ -100,13 +112,22 @@ def feeder_evidence(
         for one, feeds in zip(merged, draw_feeds, strict=True)
     ]
     fed = [one._replace(is_unfed=True) if one.fed is False else one for one in fed]
-    found = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s)
-    others = [one._replace(fed=_fed(series, one, [], events, True)) for one in nearby]
+    cut = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s, noise)
+    found = [one for one in cut if not _is_weak(one)]
+    others = [
+        *(one._replace(fed=_fed(series, one, [], events, True)) for one in nearby),
+        *(one for one in cut if _is_weak(one)),
+    ]
     without = len(nearby) + seen - with_wire
     alone = events.number - sum(
         len(feeds) for draw, feeds in zip(merged, draw_feeds, strict=True) if draw.heat is not None
     )
     return FeederEvidence(found, others, events.number, events.counted, alone, without, True)
+
+
+def _is_weak(draw: Draw) -> bool:
+    """Return whether neither feeder nor heat shows a joint."""
+    return draw.is_unfed and draw.cut is None and not is_large(draw.dwell_s, draw.heat, draw.peak)
 
 
 def _without_decision(series: Series, draws: Sequence[Draw], events: FeedEvents) -> FeederEvidence:
@@ -126,6 +147,25 @@ def _usual_interval_s(events: FeedEvents) -> float:
         [*(one.middle_s for one in events.seen), *_counted_moments(events.counted_only)]
     )
     return float(np.median(np.diff(moments))) if len(moments) > 2 else 0.0
+
+
+def _behind_feeds_s(draws: Sequence[Draw], events: FeedEvents, period_s: float) -> float:
+    """Return by how much draws begin later than their feeds in the median, in s; 0 if they do not,
+    or for fewer than `LEAST_FEEDS`. A feed began half a period before it was seen, on average.
+    """
+    draw_feeds, _ = _feeds_of_draws(draws, events, period_s)
+    behind = [
+        draw.start_s - (feeds[0].start_s - period_s / 2)
+        for draw, feeds in zip(draws, draw_feeds, strict=True)
+        if feeds and feeds[0].is_seen
+    ]
+    return max(float(np.median(behind)), 0.0) if len(behind) >= LEAST_FEEDS else 0.0
+
+
+def _moved(draw: Draw, late_s: float) -> Draw:
+    return draw._replace(
+        start_s=draw.start_s - late_s, end_s=draw.end_s - late_s, late_s=draw.late_s + late_s
+    )
 
 
 def _counted_moments(counted: Sequence[CountedFeeds]) -> list[float]:
@@ -429,6 +469,7 @@ def _cut(
     by_time: FlowByTime,
     period_s: float,
     interval_s: float,
+    noise: float,
 ) -> list[Draw]:
     """Cut the draws that have the feeds of several joints, between the feeds."""
     parts: list[Draw] = []
@@ -442,7 +483,7 @@ def _cut(
             < draw.end_s
             and (
                 not (feed.is_seen and after.is_seen)
-                or has_fallen(by_time, feed.start_s, moment, after.end_s, period_s)
+                or has_fallen(by_time, feed.start_s, moment, after.end_s, period_s, noise)
             )
         ]
         parts += cut_draw(draw, moments, by_time, period_s) if moments else [draw]

@@ -97,7 +97,8 @@ def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoi
         for flow, model in zip(flows, models, strict=True)
         for draw in find_draws([flow], model, settings)
     ]
-    feeder = feeder_evidence(series, every, flows, options.wire_decides)
+    noise = max((model.noise.flow for model in models), default=0.0)
+    feeder = feeder_evidence(series, every, flows, options.wire_decides, noise)
     settings = settings_for(options, series.period_s, feeder is not None and feeder.decides)
     draws, others = sort_draws(every if feeder is None else feeder.draws, settings)
     others = sorted(

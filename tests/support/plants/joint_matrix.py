@@ -692,7 +692,7 @@ def rows_told(several: Sequence[Outcome], rates: Sequence[float] = RATES) -> str
 
 
 def matrix_told(several: Sequence[Outcome], plant: str, hz: float, fed: bool = False) -> str:
-    """F1 by length and gap, of the small, medium and large tip."""
+    """F1 of the joints listed by length and gap, of the small, medium and large tip."""
     mine = [one for one in several if (one.cell.plant, one.hz, one.fed) == (plant, hz, fed)]
     title = (
         f"{plant} plant, {hz:g} Hz{', with a feeder' if fed else ''}: F1 of small · medium ·"
@@ -710,7 +710,7 @@ def matrix_told(several: Sequence[Outcome], plant: str, hz: float, fed: bool = F
             here = [one for one in mine if (one.cell.length, one.cell.gap) == (length, gap)]
             told.append(
                 " · ".join(
-                    f"{f1_of([one for one in here if one.cell.tip == tip]):.2f}" for tip in TIPS
+                    f"{f1_listed([one for one in here if one.cell.tip == tip]):.2f}" for tip in TIPS
                 )
                 if here
                 else ""

@@ -4,6 +4,7 @@ about joints is kept by it.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,12 +18,14 @@ from jbclog.analysis.joints.doubt import (
     _count_same,
     why_not_known,
 )
-from jbclog.analysis.joints.draws import Draw
+from jbclog.analysis.joints.draws import SURE_PEAK, Draw
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
+from support.plants import joint_matrix
+from support.plants.joint_matrix import Cell
 from support.plants.scripted_tip import soldered
 
 EACH_FIVE = [(15.0 + 5 * number, 16.2 + 5 * number) for number in range(20)]
@@ -103,19 +106,32 @@ def test_what_noise_makes_of_a_low_limit_is_no_doubt() -> None:
 
 
 def test_the_range_of_a_long_record_is_that_of_its_windows_on_the_whole() -> None:
-    text = why_not_known(Doubt(0.2, 45, 60, 50), 1000, 0.1)
+    text = why_not_known(Doubt(0.2, 45, 60, 50, 40.0), 1000, 0.1)
     assert text is not None
     assert text.startswith("Between 900 and 1200 were found")
     assert "20 % of them come or go, 3 % are allowed" in text
-    same = why_not_known(Doubt(0.2, 14, 14, 14), 14, 0.1)
+    same = why_not_known(Doubt(0.2, 14, 14, 14, 40.0), 14, 0.1)
     assert same is not None
     assert same.startswith("14 were found as limits")
-    some = Doubt((MOST_DOUBT + MOST_DOUBT_SLOW) / 2, 45, 60, 50)
+    some = Doubt((MOST_DOUBT + MOST_DOUBT_SLOW) / 2, 45, 60, 50, 40.0)
     assert why_not_known(some, 50, 0.1) is None
     assert why_not_known(some, 50, 0.5) is not None, "slow rates show less"
-    none = Doubt(0.0, 0, 0, 0)
+    none = Doubt(0.0, 0, 0, 0, 40.0)
     assert why_not_known(none, 0, 0.1) is None
     assert "readings 0.5 s apart do not show" in str(why_not_known(none, 0, 0.5))
+
+
+def test_none_found_is_not_known_where_a_joint_would_not_stand_out() -> None:
+    """A heater that switches, 97 joints of 0.3 s: their flow is below four times the noise."""
+    (trial,) = joint_matrix.records([Cell("family", "small", 0.3, 0.5, 1)], (5.0,))[5.0]
+    found = find_joints(joint_matrix.series_of(trial, 5.0, False))
+    assert not found.joints
+    assert doubt(found).share == 0.0, "no assumption shows one either"
+    assert re.search(r"only a draw of \d{3} ‰ or more stands out", str(found.why))
+    at_limit, above = (Doubt(0.0, 0, 0, 0, SURE_PEAK + more) for more in (0.0, 0.1))
+    assert why_not_known(at_limit, 0, 0.1) is None
+    assert why_not_known(above, 0, 0.1) is not None
+    assert why_not_known(above, 1, 0.1) is None
 
 
 def test_a_long_contact_at_a_slow_rate_may_be_several() -> None:

@@ -18,7 +18,9 @@ from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.port_rows import cycles_of
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.metrics.measures import measure_port
+from support.plants.joint_matrix import Cell, Said, judged, records, series_of
 from support.plants.scripted_tip import soldered
+from support.plants.third_plant import Trial
 from support.records.made_series import Floats, joints_at, made, rest
 
 STARTS = [10.0 + 6 * number for number in range(18)]  # joints of 1.5 s
@@ -220,3 +222,47 @@ def test_joints_are_held_against_the_counter_by_heat_alone() -> None:
     assert len(found.joints) == 18
     against = feeds_of(series, found.by_heat)
     assert (against.found, against.counted) == (9, 18)
+
+
+# -- where heat shows little -----------------------------------------------------------------------
+
+
+def lived(cell: Cell, hz: float) -> tuple[Trial, FoundJoints]:
+    (trial,) = records([cell], (hz,))[hz]
+    return trial, find_joints(series_of(trial, hz, True))
+
+
+def test_feeds_without_a_draw_decide_though_a_single_draw_has_no_feed() -> None:
+    found = find_joints(fed(FEEDS[:6] + FEEDS[7:], starts=STARTS[6:7]))
+    assert found.settings.wire_decides
+    assert counts(found)[2:] == (17, 1)
+    assert len(found.joints) == 18
+    more = find_joints(fed(FEEDS[:2], starts=STARTS[2:]))
+    assert not more.settings.wire_decides, "sixteen draws without a feed, and two feeds"
+
+
+def test_a_weak_draw_without_a_feed_is_told_and_is_no_joint() -> None:
+    """A heater that overshoots makes short draws of little heat."""
+    _, found = lived(Cell("family", "small", 1.0, 2.0), 10.0)
+    weak = [draw for draw in found.others if draw.is_unfed]
+    assert len(weak) >= 5
+    assert all(draw.dwell_s < 0.5 or draw.heat < 65 or draw.peak < 80 for draw in weak)
+    assert counts(found)[3] >= len(weak)
+
+
+def test_feeds_cut_a_draw_in_which_noise_hides_whether_the_flow_fell() -> None:
+    trial, found = lived(Cell("third", "large", 1.0, 0.5), 10.0)
+    assert sum(truth.is_joint for truth in trial.script.truths) == 48
+    assert len(found.joints) >= 40, "46 feeds were seen"
+
+
+def test_draws_that_are_shown_after_their_feeds_are_moved_to_them() -> None:
+    """A station that shows its temperature 0.2 to 0.5 s late: F1 0.71 before."""
+    cell = Cell("fifth", "medium", 0.5, 2.0)
+    trial, found = lived(cell, 5.0)
+    assert found.feeder is not None
+    late = {draw.late_s for draw in found.feeder.draws if draw.heat is not None}
+    assert len(late) == 1
+    assert 0.05 < late.pop() < 0.4
+    said = [Said(joint.start_s, joint.end_s, joint.kind) for joint in found.joints]
+    assert judged(cell, trial.script, 5.0, True, said).f1 > 0.9
