@@ -27,6 +27,10 @@ OFF_ON_WIRE: Final = "99999"
 MOST: Final = 99999  # largest number of five digits
 # a higher alarm limit means "not set": no station heats above 500 (002, factory)
 HIGHEST_C: Final = 600
+# a number of a record is finite and at most `LARGEST`: an integer fits 64 bits, survives conversion
+# to a float and back, and does not make later arithmetic fail
+WHOLE: Final = 1 << 62
+LARGEST: Final = float(WHOLE)
 
 
 class CompoundValue:

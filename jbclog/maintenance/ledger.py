@@ -31,8 +31,9 @@ from jbclog.core.durable_files import (
 )
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, each_line, open_foreign
-from jbclog.core.foreign.json_reader import LARGEST, expect_time
+from jbclog.core.foreign.json_reader import expect_time
 from jbclog.core.locks import try_lock
+from jbclog.core.quantities import LARGEST
 from jbclog.maintenance.counter_totals.observed import (
     Count,
     Entry,

@@ -15,18 +15,16 @@ from typing import Any, Final, TypeVar
 import msgspec
 
 from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.quantities import LARGEST, WHOLE
 
 T = TypeVar("T")
 
-# Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and at most
-# `LARGEST`: an integer fits 64 bits, survives conversion to a float and back, and does not make
-# later arithmetic fail.
+# Python's JSON accepts NaN, infinity and numbers of any length; here a number is finite and at most
+# `LARGEST`
 MOST_OBJECTS: Final = 400_000  # and lists; an empty one takes three bytes in the file, 64 in memory
 # a recorder's files have at most one in 25 bytes; one of three bytes takes 30 in memory
 MOST_VALUES: Final = 1_400_000
-WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
-LARGEST: Final = float(WHOLE)
 FIRST_S, LAST_S = 0.0, 7_258_118_400.0  # 1970 to 2200, in seconds: pandas' times end in 2262
 LEAST_PERIOD_S, MOST_PERIOD_S = 1e-6, 1e6  # far beyond the limits of `rate_hz`
 YEARS: Final = range(1970, 2200)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
-from jbclog.core.foreign.json_reader import LARGEST, WHOLE
+from jbclog.core.quantities import LARGEST, WHOLE
 
 # tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys
 # (docs/reference/faults.md, F-33). `KeyScan` runs first, over each character once: it finds the

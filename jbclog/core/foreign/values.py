@@ -8,7 +8,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.foreign.files import NotReadable
-from jbclog.core.foreign.json_reader import FIRST_S, LARGEST, LAST_S
+from jbclog.core.foreign.json_reader import FIRST_S, LAST_S
+from jbclog.core.quantities import LARGEST
 
 EXACT: Final = 1 << 53  # whole numbers up to here are floats, too: pyarrow converts no others
 A_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}

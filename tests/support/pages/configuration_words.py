@@ -124,8 +124,8 @@ _RECIPE = {
     ),
     "joints.recovered_within_c": "band around the level at rest that counts as recovered",
     "joints.wire_decides": (
-        "whether each feed of the feeder is a joint; without it where at least half of the draws"
-        " have a feed"
+        "whether each feed of the feeder is a joint; without it unless more draws lack a feed than"
+        " there are feeds"
     ),
     "acceptance.coverage_percent": "coverage: readings obtained of the readings due, at least",
     "acceptance.longest_gap_s": "longest time without a reading, at most",
