@@ -465,7 +465,8 @@ def _contact(load: Touch, steps: int, rng: np.random.Generator) -> Floats:
     slips = (seconds >= load.slips[0]) & (seconds < load.slips[1])
     share = load.dry_share + (1 - load.dry_share) * np.where(slips, 0.2 * wet, wet)
     hand = np.exp(_wander(rng, steps, STEP_S, 0.25, 0.15))
-    return load.conductance * share * hand
+    conductance: Floats = load.conductance * share * hand
+    return conductance
 
 
 def _padded(scripts: Sequence[Script]) -> Floats:
