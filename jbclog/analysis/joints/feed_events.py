@@ -4,8 +4,8 @@ feeder's counter.
 A run of readings in which the motor pushes forward (R-PSx, on every tick) is a *push*; pushes less
 than `ONE_FEED_S` apart are one *seen feed*. The counter (R-DCx) counts every feed but does not show
 when. Growth between two readings beyond the seen feeds is *feeds that were only counted*, somewhere
-between these readings. No manual states whether a feed counts at its begin or its end; the one that
-fits the run better is used.
+between these readings, unless it may be further pushes of the feeds that were seen. No manual
+states whether a feed counts at its begin or its end; the one that fits the run better is used.
 
 If the counter grew by less than the pushes, one feed is several pushes: the pushes closest to each
 other are merged. A counter that decreased was reset, and shows nothing about that time.
@@ -35,13 +35,14 @@ LEAST_READINGS: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """One push of wire between two moments in seconds of the run's grid; `is_seen`: these are its
-    first and last reading.
+    """A feed of wire between two moments in seconds of the run's grid; `is_seen`: these are its
+    first and last reading. `pushes` is how many the motor made.
     """
 
     start_s: float
     end_s: float
     is_seen: bool = True
+    pushes: int = 1
 
     @property
     def middle_s(self) -> float:
@@ -99,6 +100,7 @@ def feed_events(series: Series) -> FeedEvents | None:
     if too_many > max(MORE_THAN_COUNTED * grown[known].sum(), 1):
         pushes = _merge_nearest(pushes, too_many)
         excess = _excess(pushes, series.cycles, known, grown)
+    excess -= np.clip(excess, 0.0, _as_pushes(series, pushes, series.cycles.seconds, sees_all))
     at, begin, end = series.cycles.seconds, float(series.seconds[0]), float(series.seconds[-1])
     counted_only = [
         CountedFeeds(
@@ -126,10 +128,26 @@ def pushes_in(series: Series) -> list[Feed]:
         start = float(seconds[first])
         end = max(float(seconds[last - 1]), min(start + half, float(series.seconds[-1])))
         if feeds and start - feeds[-1].end_s < ONE_FEED_S:
-            feeds[-1] = Feed(feeds[-1].start_s, end)
+            feeds[-1] = Feed(feeds[-1].start_s, end, pushes=feeds[-1].pushes + 1)
         else:
             feeds.append(Feed(start, end))
     return feeds
+
+
+def _as_pushes(series: Series, feeds: Sequence[Feed], at: Floats, sees_all: bool) -> Floats:
+    """Return for each interval between readings of the counter how many of its counts may be
+    further pushes of the feeds seen in it; any number if no other push can have been missed.
+    """
+    begun, again = np.zeros(len(at) - 1), np.zeros(len(at) - 1)
+    first = np.searchsorted(at, [one.start_s for one in feeds], side="right") - 1
+    last = np.searchsorted(at, [one.end_s + READ_BEFORE_S for one in feeds], side="right")
+    for one, start, end in zip(feeds, first.tolist(), last.tolist(), strict=True):
+        begun[max(start, 0) : end] += 1
+        again[max(start, 0) : end] += one.pushes - 1
+    assert series.feeding is not None
+    lost = np.searchsorted(series.seconds[np.isnan(series.feeding)], at)
+    is_complete = sees_all & (np.diff(lost) == 0) & (begun > 0)
+    return np.where(is_complete, np.inf, again)
 
 
 def _growth(cycles: Cycles) -> tuple[Flags, Floats]:

@@ -100,6 +100,33 @@ def test_several_pushes_of_one_cycle_are_one_feed() -> None:
     assert alone.number == 36, "without the counter nobody knows"
 
 
+def test_a_counter_that_counts_both_pushes_of_a_feed_makes_no_other_feed() -> None:
+    """The motor stops for 0.1 s: its readings show that in the first, and do not in the second."""
+    pauses = [(STARTS[3] + 0.6, True), (STARTS[9] + 0.6, False)]
+    pushes = [
+        part
+        for start, end in FEEDS
+        for part in next(
+            (
+                [(start, moment), (moment + 0.09, end)]
+                for moment, is_shown in pauses
+                if start < moment < end and is_shown
+            ),
+            [(start, end)],
+        )
+    ]
+    counted = sorted([*(end for _, end in FEEDS), *(moment for moment, _ in pauses)])
+    events = feed_events(fed(pushes, counted))
+    assert events is not None
+    assert (len(events.seen), events.counted_only, events.counted) == (18, [], 20)
+    series = fed(FEEDS[:9] + FEEDS[10:], [end for _, end in FEEDS])
+    assert series.feeding is not None
+    lost = (series.seconds >= FEEDS[9][0]) & (series.seconds < FEEDS[9][1])
+    unread = feed_events(replace(series, feeding=np.where(lost, np.nan, series.feeding)))
+    assert unread is not None
+    assert sum(one.feeds for one in unread.counted_only) == 1, "no reading shows that push"
+
+
 def test_a_counter_that_was_reset_tells_nothing_of_that_time() -> None:
     series = fed([], [end for _, end in FEEDS])
     assert series.cycles is not None
