@@ -24,7 +24,9 @@ PROGRAM = next(
     None,
 )
 ANSWER_S = 60.0
-OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
+# fewer processes: a page takes a fifth less of CPU
+FEW = ("--in-process-gpu", "--renderer-process-limit=1", "--disable-site-isolation-trials")
+OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", *FEW)
 
 
 class Page:
