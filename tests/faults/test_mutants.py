@@ -1,18 +1,41 @@
-"""The tool that makes mutants, on repositories of its own: what it measures, tries and reports, and
-that a signal ends its trials.
+"""The tool that makes mutants: those of the product can be loaded and are always the same; on
+repositories of its own, what it measures, tries and reports, and that a signal ends its trials.
 """
 
 from __future__ import annotations
 
+import ast
 import json
 import os
+import random
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from support.campaigns import mutants
 from support.command import until
+
+
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [(name, package) for name in ("safety", "layers") for package in mutants.SCOPES[name].packages],
+)
+def test_mutants_of_the_product_can_be_loaded_and_are_the_same_each_time(
+    name: str, package: str
+) -> None:
+    scope = mutants.SCOPES[name]
+    assert all((mutants.HERE / test).exists() for test in scope.tests)
+    chosen = mutants.sample(mutants.HERE, scope, package)
+    assert chosen == mutants.sample(mutants.HERE, scope, package)
+    for file, _, _, node, which in random.Random(1).sample(chosen, 20):
+        before = ast.unparse(ast.parse((mutants.HERE / file).read_text()))
+        after = mutants.mutated(mutants.HERE / file, node, which)
+        compile(after, file, "exec")
+        assert ast.unparse(after) != before
+
 
 NAME = "jbclog/session/run/code.py"
 PRODUCT = (
