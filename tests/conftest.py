@@ -8,6 +8,7 @@ at the end of the session.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import gc
 import os
@@ -60,6 +61,10 @@ def ignore_here_only(number: signal.Signals) -> None:
 for of_the_terminal in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
     ignore_here_only(of_the_terminal)
 
+IN_MEMORY, FREE_BYTES = Path("/dev/shm"), 1 << 30
+"""Where the tests keep their files if 1 GB is free; 80 MB are taken. They wait for each `fsync` of
+a disk, a third of the time of those that record runs; `tests/faults` keeps theirs on the disk."""
+
 NO_SKIP = bool(os.environ.get("JBCLOG_NO_SKIP"))
 
 for home in ("XDG_CACHE_HOME", "XDG_STATE_HOME"):
@@ -101,6 +106,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if not any(is_at_faults(config.invocation_params.dir / each) for each in config.args):
+        _keep_in_memory()
     if row := config.getoption("--row"):
         os.environ["JBCLOG_ROW"] = row
     if config.option.markexpr == CAMPAIGN:
@@ -108,6 +115,20 @@ def pytest_configure(config: pytest.Config) -> None:
     for hook in config.hook.pytest_runtest_logreport.get_hookimpls():
         if type(hook.plugin).__name__ == "WorkerInteractor":
             hook.function = functools.partial(_send, hook.function)
+
+
+def is_at_faults(given: Path) -> bool:
+    """Whether an argument of the command names `tests/faults`, what is in it, or what has it."""
+    path = Path(str(given).partition("::")[0]).resolve()
+    return path == FAULTS or FAULTS in path.parents or path in FAULTS.parents
+
+
+def _keep_in_memory() -> None:
+    """Have pytest make its temporary folders there; whoever has named others keeps them."""
+    with contextlib.suppress(OSError):
+        there = os.statvfs(IN_MEMORY)
+        if os.access(IN_MEMORY, os.W_OK) and there.f_bavail * there.f_frsize > FREE_BYTES:
+            os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(IN_MEMORY))
 
 
 def _send(send: Callable[..., None], report: pytest.TestReport) -> None:
@@ -171,7 +192,7 @@ FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "s
 # processes, a browser, figures, slices of campaigns
 NOT_FAST = {
     *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
-    *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
+    *("test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
     *(
         "test_every_command.py",
         "test_reader_properties.py",
@@ -190,11 +211,12 @@ NOT_FAST = {
         "test_cpu_limit.py",
     ),
     *("test_metrics_cache.py", "test_run_index.py", "test_index_file.py"),
-    *("test_forged_parts.py", "test_foreign_tables.py", "test_mounts.py", "test_book.py"),
+    *("test_foreign_tables.py", "test_mounts.py", "test_book.py"),
     *("transport/test_reactor.py", "test_budget.py", "test_server.py", "test_connections.py"),
     *("test_progress.py", "batch/test_journal.py"),
 }
 UNIT = Path(__file__).parent / "unit"
+FAULTS = Path(__file__).parent / "faults"
 
 
 @functools.cache

@@ -9,6 +9,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,15 @@ from support.command import RECIPE, WireLog, is_sampling, until
 from support.readers.unit_file import AUDIT, UNIT
 
 JBCLOG = ("-c", "from jbclog.cli import main; main()")
+
+
+@pytest.fixture
+def tmp_path() -> Iterator[Path]:
+    """On the disk, where a unit's command may write only what its unit grants: it may write
+    anywhere below `/dev`, where the other tests have their files (`tests/conftest.py`).
+    """
+    with tempfile.TemporaryDirectory(prefix="jbclog-hardened-") as folder:
+        yield Path(folder)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import termios
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -22,13 +22,15 @@ from jbclog.analysis.run import open_run
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, sampled, until
+from support.warm_start import Warm
 
 Bench = tuple[Path, WireLog]
+INTERPRETER = (sys.executable, "-c", "from jbclog.cli import main; main()")
 
 
 def arguments(line: Path, out: Path, *more: str) -> list[str]:
     words = ["run", RECIPE, "--line", line, "--out", out, "-s", "ucr-1", "--rate", "2", *more]
-    return [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, words)]
+    return [*map(str, words)]
 
 
 def told_of_units(out: Path, count: int) -> bool:
@@ -51,11 +53,15 @@ def end(run: subprocess.Popen[str]) -> str:
     return notes
 
 
+def fresh(words: Sequence[str], stdin: int | IO[bytes]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
 @contextmanager
 def running(*words: str, stdin: int | IO[bytes]) -> Iterator[subprocess.Popen[str]]:
-    with subprocess.Popen(
-        words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as run:
+    with Warm(words, stdin=stdin) if words[0] == "run" else fresh(words, stdin) as run:
         try:
             yield run
         finally:
@@ -101,7 +107,7 @@ def test_a_stdin_that_ends_ends_nothing_else(bench: Bench, tmp_path: Path, given
     out = tmp_path / "runs"
     words = arguments(line, out, "--units", "-", "-d", "2s")
     if given == "closed":
-        words = ["sh", "-c", 'exec "$@" <&-', "sh", *words]
+        words = ["sh", "-c", 'exec "$@" <&-', "sh", *INTERPRETER, *words]
     with running(
         *words, stdin=subprocess.PIPE if given == "a pipe that ends" else subprocess.DEVNULL
     ) as run:
@@ -215,7 +221,7 @@ class Terminal:
 def test_a_reader_types_beside_the_table_without_spoiling_it(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
     out = tmp_path / "runs"
-    terminal = Terminal(*arguments(line, out, "--units", "-", "--until-units", "9"))
+    terminal = Terminal(*INTERPRETER, *arguments(line, out, "--units", "-", "--until-units", "9"))
     try:
         assert until(lambda: is_sampling(out)), (terminal.run.poll(), terminal.shown)
         assert not terminal.echoes

@@ -334,7 +334,9 @@ def _as_data(page: Page) -> None:
 def _two_headers(path: Path) -> None:
     """180 GB of text, written out, in a dictionary that is said to be none."""
     rows = 200_000
-    word = pa.DictionaryArray.from_arrays(pa.array([0] * rows, pa.int32()), [" " * 900_000])
+    word = pa.DictionaryArray.from_arrays(
+        pa.repeat(pa.scalar(0, pa.int32()), rows), [" " * 900_000]
+    )
     write(path, rows, rows, {"station": word})
     _each(_as_data, dictionaries=True)(path)
 
@@ -404,7 +406,7 @@ def write(
 
 def _alike(kind: pa.DataType, rows: int) -> pa.Array:
     one = pa.array(["x"] if pa.types.is_string(kind) else [0])
-    return one.cast(kind).take(pa.array([0] * rows))
+    return pa.repeat(one.cast(kind)[0], rows)
 
 
 def _element(footer: Fields, name: bytes) -> Fields:

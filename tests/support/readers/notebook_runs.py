@@ -22,7 +22,10 @@ NOTEBOOKS = sorted(HOME.glob("*.ipynb"))
 sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
 
 
-ALONE = """%reset -f
+# the folder of the one before may be gone, and then `%reset` fails
+ALONE = """import os
+os.chdir("/")
+%reset -f
 import os
 os.chdir({folder!r})
 for name in [name for name in os.environ if name.startswith("JBCLOG_")]:

@@ -5,11 +5,9 @@ more than there is.
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -875,49 +873,6 @@ def test_following_changes_no_file(recording: Recording) -> None:
     pytest.fail("a file changes whenever somebody follows")
 
 
-STOPPED = """
-import os, signal, sys
-from jbclog.live import follow, sqlite_rows
-plain = sqlite_rows.roots
-def stopping(pages):
-    print("reading", flush=True)
-    os.kill(os.getpid(), signal.SIGSTOP)
-    return plain(pages)
-import jbclog.live.store_follower as module
-module.roots = stopping
-follow(sys.argv[1]).poll()
-"""
-LOCKING = """
-import os, signal, sys
-from pathlib import Path
-from jbclog.record.store_reader import StoreReader
-with StoreReader(Path(sys.argv[1])):
-    print("reading", flush=True)
-    os.kill(os.getpid(), signal.SIGSTOP)
-"""
-
-
-@pytest.mark.parametrize(
-    ("code", "grows"), [(STOPPED, False), (LOCKING, True)], ids=["follower", "reader with a lock"]
-)
-def test_the_log_stays_bounded_while_a_follower_is_stopped_in_the_middle_of_a_read(
-    recording: Recording, code: str, *, grows: bool
-) -> None:
-    recording.rows(1)
-    recording.commit()
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(recording.folder)], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "reading\n"
-        for _ in range(250):
-            recording.rows(1, reasons=secrets.token_hex(50_000))
-            recording.commit()
-        size = (recording.folder / "live.sqlite-wal").stat().st_size
-        process.kill()
-    assert (size > 6 << 20) == grows, size
-
-
 def test_a_user_without_write_permission_can_follow(
     recording: Recording, clock: StandingClock
 ) -> None:
@@ -936,58 +891,6 @@ def test_a_user_without_write_permission_can_follow(
             os._exit(0 if polled(follower).ports[0].condition is Condition.NORMAL else 3)
         os._exit(4)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-
-
-FOLLOWING = """
-import os, sys
-from jbclog.live import follow
-def following():
-    with follow(sys.argv[1]) as follower:
-        for run in follower.stream(0.02):
-            if run.ports:
-                os.write(1, b"follows\\n")  # at once: ten write here
-                break
-        for run in follower.stream(0.02):
-            if run.ports[0].coverage.due >= int(sys.argv[2]) and run.is_whole:
-                break
-        os.write(1, f"{run.ports[0].coverage.due} {len(run.events)} {run.problems}\\n".encode())
-children = []
-for _ in range(int(sys.argv[3])):
-    children.append(os.fork())
-    if not children[-1]:
-        following()
-        os._exit(0)
-sys.exit(any([os.waitpid(child, 0)[1] for child in children]))
-"""
-"""As many processes that follow as it is asked for, forked from one that has everything
-imported.
-"""
-
-
-def test_ten_followers_see_every_row_and_the_log_stays_bounded(tmp_path: Path) -> None:
-    commits, recording = 120, Recording(tmp_path)
-    recording.rows(1)
-    recording.commit()
-    command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1), "10"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as followers:
-        assert followers.stdout is not None
-        try:
-            assert [followers.stdout.readline() for _ in range(10)] == ["follows\n"] * 10
-            for _ in range(commits):
-                recording.rows(1, reasons=f"status={secrets.token_hex(50_000)}")
-                recording.event("host.busy", "late")
-                recording.commit()
-            size = (recording.folder / "live.sqlite-wal").stat().st_size
-            told, wrong = followers.communicate(timeout=200)
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(followers.pid, signal.SIGKILL)
-            recording.abandon()
-    assert (told, wrong, followers.returncode) == (f"{commits + 1} {commits} ()\n" * 10, "", 0)
-    assert size < 5 << 20
-    assert recording.store.failure is None
 
 
 @pytest.mark.parametrize(

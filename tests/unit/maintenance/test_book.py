@@ -21,7 +21,6 @@ from jbclog.maintenance.counter_totals.observed import (
     Standing,
 )
 from jbclog.maintenance.ledger import AuditInProgress, add, auditing, read_book, read_line, written
-from support.measured import measured
 
 COUNTS = (
     Count(1, "work_h", "h", 412.0),
@@ -254,33 +253,6 @@ def test_what_cannot_be_written_is_said(path: Path, tmp_path: Path) -> None:
 
 
 # -- ledgers of nothing but faults: bounded in memory, time and words ------------------------------
-
-OTHER = b'{"seq": 1, "kind": "counters", "line": "small", "station": "dde-1", "x": 1}\n'
-FLOODS = {
-    "line ends": (b"\n", 20_000_000, "is no line of a ledger"),
-    "junk": (b"x" * 99 + b"\n", 500_000, "is no line of a ledger"),
-    "JSON of another kind": (OTHER, 500_000, "is no line of a ledger"),
-    "one line": (b"A", 60_000_000, "has more than 262144 bytes"),
-    "nesting without a line end": (b"[", 30_000_000, "has more than 262144 bytes"),
-}
-
-
-@pytest.mark.parametrize("flood", FLOODS)
-def test_a_ledger_of_faults_is_refused_at_once_and_kept_as_it_is(
-    tmp_path: Path, flood: str
-) -> None:
-    """Each took up to 7 GB and a minute, or passed for a sound ledger."""
-    piece, times, said = FLOODS[flood]
-    path = tmp_path / "counters.jsonl"
-    path.write_bytes(piece * times)
-    found = measured("maintenance", "list", "--ledger", path)
-    assert found.code == 4
-    assert said in found.text
-    assert len(found.text) < 30_000
-    assert found.peak_mb < 250
-    assert found.cpu_s < 5
-    with pytest.raises(RecordError, match="is not a ledger"):
-        read_book(path).expect_ledger()
 
 
 def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ NOISE = Noise(8.0, 60.0, 4.0, 0.1)
 SEEDS = range(120)
 
 
+@cache
 def some_flows(seed: int) -> list[Flow]:
     """Stretches with contacts, many of which last until an edge, where the next stretch begins in
     one or warms it up; some are too short to show any.

@@ -7,8 +7,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from jbclog.app.publish.publisher import Publisher
 from jbclog.app.publish.upkeep import check, compact, vacuum
 from jbclog.core.errors import RecordError, StoreError
 from jbclog.core.foreign.files import NotReadable
+from support.command import jbclog
 
 LONG_AGO_S = 1_000_000_000
 HINT = "runs/_delta_log/_last_checkpoint"
@@ -52,18 +51,6 @@ def one_gigabyte(path: Path) -> None:
         file.truncate(1 << 30)
 
 
-def opens_at_once(store: Path, words: list[str]) -> tuple[int, str]:
-    """How a command of its own ends: the library would wait in this process, deaf to signals."""
-    done = subprocess.run(
-        [sys.executable, "-m", "jbclog", *(word.format(store) for word in words)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=200,
-    )
-    return done.returncode, done.stderr
-
-
 @pytest.mark.parametrize(
     "words",
     [["runs", "{}"], ["trend", "{}"], ["store", "compact", "{}"], ["store", "vacuum", "{}"]],
@@ -71,9 +58,10 @@ def opens_at_once(store: Path, words: list[str]) -> tuple[int, str]:
 )
 def test_no_command_waits_for_a_pipe(store: Path, words: list[str]) -> None:
     put(store / HINT, os.mkfifo)
-    code, said = opens_at_once(store, words)
-    assert (code, said.count("\n")) == (4, 1)
-    assert "_last_checkpoint" in said or "is a pipe, not a file" in said
+    """In a process of its own: the library would wait in this one, deaf to signals."""
+    ended = jbclog(*(word.format(store) for word in words))
+    assert (ended.returncode, ended.stderr.count("\n")) == (4, 1)
+    assert "_last_checkpoint" in ended.stderr or "is a pipe, not a file" in ended.stderr
 
 
 @pytest.mark.parametrize("reads", [lambda place: Store(place).runs(), check, compact, vacuum])

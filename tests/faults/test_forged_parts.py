@@ -1,4 +1,6 @@
-"""Parquet parts whose page headers say what is not so: a sentence before the library reads them."""
+"""Parquet parts whose page headers say what is not so: a sentence before the library reads them,
+and few findings of the check of a run that has one.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ import time
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
+from shutil import copytree
 
 import pyarrow as pa
 import pytest
@@ -18,8 +21,10 @@ from jbclog.core.foreign.files import NotReadable
 from jbclog.core.foreign.parquet_pages import BYTES_A_PAGE, FREE_PAGES
 from jbclog.core.foreign.parquet_sizes import sizes_of
 from jbclog.core.foreign.tables import GROUP_BYTES, open_table, read_small
+from jbclog.record.check import check
 from jbclog.record.schema import SCHEMAS
 from support.faults.forged_parts import FORGED, forge, write
+from support.records.small_run import make_run
 
 REFUSED = {
     "a negative packed size": "page without a size",
@@ -142,3 +147,34 @@ def test_the_others_are_an_error_of_the_library_or_rows(tmp_path: Path, name: st
         finally:
             os._exit(code)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+# -- in a run --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("runs"), seconds=12.0)
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path) -> Path:
+    return copytree(made, tmp_path / made.name)
+
+
+def texts(folder: Path) -> list[str]:
+    return [str(finding) for finding in check(folder)]
+
+
+def test_rows_of_more_stations_than_a_run_can_have(run: Path) -> None:
+    """Each of 200 000 rows had the table searched for its own station, and its accounting kept."""
+    FORGED["a station of its own in each row"](run / "samples" / "part-0000.parquet")
+    found = texts(run)
+    assert "rows of more than 4096 stations and ports" in found[-1]
+
+
+def test_texts_that_differ_in_each_row_are_findings_of_one_line_each(run: Path) -> None:
+    FORGED["texts of their own in each row"](run / "samples" / "part-0000.parquet")
+    found = texts(run)
+    assert len(found) < 500
+    assert max(map(len, found)) < 2200
