@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jbclog.analysis.coded_texts import coded
 from jbclog.core.rows import PortKey
 
-ROWS_OF_A_PORT: Final = 4096
+ROWS_OF_A_PORT: Final = 8192
 MOST_ROWS: Final = 262_144  # together, some 20 MB
 SMALL: Final = 256  # numbers of ports, and of stations in a piece, that fit into 8 bits
 

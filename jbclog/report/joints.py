@@ -98,11 +98,12 @@ class Joints:
         out, units = BytesIO(csv_text(COLUMNS, ()).encode()), iter(self.units)
         out.seek(0, SEEK_END)
         with pq.ParquetFile(pa.BufferReader(self.parquet)) as file:
-            for batch in file.iter_batches(ROWS_AT_ONCE, use_threads=False):
+            for number, batch in enumerate(file.iter_batches(ROWS_AT_ONCE, use_threads=False)):
                 rows = pa.Table.from_batches([batch])
                 own = [unit and clean(unit) for unit in islice(units, len(rows))]
                 out.write(csv_lines(rows.add_column(0, UNIT, pa.array(own, pa.string()))))
-                pa.default_memory_pool().release_unused()  # between the growing file's pieces
+                if not number % 8:  # memory between the growing file's pieces
+                    pa.default_memory_pool().release_unused()
         return out.getvalue()
 
 

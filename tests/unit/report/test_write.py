@@ -5,6 +5,7 @@ outside can act in them.
 from __future__ import annotations
 
 import base64
+import gc
 import hashlib
 import json
 import re
@@ -18,13 +19,16 @@ from urllib.parse import quote, unquote
 import numpy as np
 import pytest
 
+from jbclog.analysis.run import Run
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity
 from jbclog.core.text import clean
 from jbclog.record.chains import short_head
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
+from jbclog.report import write as writing
 from jbclog.report.agreement import compare_report
+from jbclog.report.joints import Joints
 from jbclog.report.page import PLAIN_IN_ADDRESS, SCRIPTS, data_uri
 from jbclog.report.verdict import without_urls
 from jbclog.report.write import write_report
@@ -532,6 +536,23 @@ def test_at_full_speed_there_is_no_grid_and_still_a_report(tmp_path: Path) -> No
     _, data = report(seal(tmp_path, [facts], table(columns), rate="max"))
     assert data["rate"] == "max"
     assert data["stations"][0]["ports"][0]["recorded"]["late_p99_ms"] is None
+
+
+def test_the_collector_looks_rarely_during_a_report_and_as_before_behind_it(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, during = gc.get_threshold(), list[tuple[int, int, int]]()
+
+    def found(run: Run) -> Joints:
+        during.append(gc.get_threshold())
+        raise RecordError("ends here")
+
+    monkeypatch.setattr(writing, "joints_of", found)
+    with pytest.raises(RecordError, match="ends here"):
+        writing.report_files(recorded)
+    assert during == [writing.COLLECTED]
+    assert before != writing.COLLECTED
+    assert gc.get_threshold() == before
 
 
 def test_a_run_that_is_still_open_has_no_report(tmp_path: Path) -> None:
