@@ -51,7 +51,7 @@ def test_no_rows_have_no_port() -> None:
 
 
 def test_pieces_of_many_ports_are_taken_together_in_their_order() -> None:
-    pieces = [rows_of(3000, 3, 2, seed, coded=seed < 20) for seed in range(25)]
+    pieces = [rows_of(6000, 3, 2, seed, coded=seed < 20) for seed in range(25)]
     together = [*gathered(iter(pieces), 6)]
     assert len(together) < 6
     assert all(len(piece) >= 6 * ROWS_OF_A_PORT for piece in together[:2])
