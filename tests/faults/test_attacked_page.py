@@ -200,4 +200,4 @@ def test_who_asks_without_pause_keeps_the_page_from_nobody(
 def test_a_slice_of_that(
     server: tuple[subprocess.Popen[str], int], recording: Recording, kind: str
 ) -> None:
-    withstands(server, attacks(recording.folder.name, server[1])[kind], 300, 3.0)
+    withstands(server, attacks(recording.folder.name, server[1])[kind], 300, 8.0)
