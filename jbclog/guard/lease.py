@@ -247,6 +247,34 @@ def _why_away(folder: Path) -> str | None:
     return why
 
 
+def families_leased(besides: Path) -> set[str] | None:
+    """Return the families of this user's registered leases, except those of the run in `besides`;
+    None if one of them may be missing.
+    """
+    registry = _registry()
+    if registry is None:
+        return None
+    try:
+        links = list(registry.iterdir())
+    except FileNotFoundError:
+        return set()
+    except OSError:
+        return None
+    found = set()
+    own = os.path.realpath(besides)
+    for link in links:
+        folder = Path(os.path.realpath(link))
+        if str(folder) == own:
+            continue
+        if why_hangs(folder) is not None or not folder.is_dir():
+            return None
+        leases, wrong = _read(folder)
+        if wrong:
+            return None
+        found |= {station.family for station in leases}
+    return found
+
+
 def _registry() -> Path | None:
     state = os.environ.get("XDG_STATE_HOME", "")
     try:
