@@ -21,9 +21,10 @@ from jbclog.core.clock import elapsed
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.guard.action_log import STDERR, ActionLog, close_stream, show
 from jbclog.guard.continuity import Continuity
+from jbclog.guard.inquiry import Inquiries, Unsafe, answer
 from jbclog.guard.lease import StationLease, guard_lock
 from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
+from jbclog.guard.takeover import CRITICAL, ERROR, Problems, TakeOver
 from jbclog.guard.watch import ANSWER, HUNG_S, READY, GuardLost, Recorder, Verdict, Watch
 from jbclog.transport.cpu_limit import cpu_limit
 
@@ -52,7 +53,7 @@ def main() -> int:
         with guard_lock(folder, PREDECESSOR_S):
             with suppress(OSError):  # works without reserved space
                 action_log.reserve()
-            watch = Watch(time.monotonic())
+            watch, inquiries = Watch(time.monotonic()), Inquiries(folder)
             left, flooded = _guard(watch, recorder, lease_writer, action_log)
             try:
                 _close_lease(left, lease_writer, action_log)
@@ -70,7 +71,8 @@ def main() -> int:
         return RecordError.exit_code
     if left:
         close_stream(STDERR)
-        _retry(folder, left, flooded, watch.continuity, lease_writer, action_log)
+        with inquiries:
+            _retry(folder, left, flooded, watch.continuity, inquiries, lease_writer, action_log)
     return 0
 
 
@@ -189,21 +191,20 @@ def _retry(
     left: Sequence[StationLease],
     flooded: Collection[str],
     continuity: Continuity,
+    inquiries: Inquiries,
     lease_writer: LeaseWriter,
     action_log: ActionLog,
 ) -> None:
     """Retry until all is safe, another process has closed the lease, or time is up. Unlock the
-    folder between tries.
+    folder between tries; `jbclog safe` gets a try, its result, and then the ports.
     """
     end = time.monotonic() + RETRY_FOR_S
     while left and time.monotonic() < end:
-        has_orders_left = any(
-            continuity.has_orders_left(station.name, elapsed()) for station in left
-        )
-        time.sleep(ORDER_AGAIN_S if has_orders_left else RETRY_EVERY_S)
+        asking = inquiries.wait(_pause_s(left, continuity))
         # checked without the lock too: a guard without descriptors cannot take it
         if lease_writer.was_cleared:
             return
+        problems: Problems = {}
         with suppress(Exception), guard_lock(folder):
             if lease_writer.was_cleared:
                 return
@@ -211,9 +212,19 @@ def _retry(
                 left, action_log, again=True, flooded=flooded, continuity=continuity
             )
             left, flooded = taking_over.run(), taking_over.flooded
+            problems = taking_over.problems
             _close_lease(left, lease_writer, action_log)
+        if asking is not None:
+            answer(asking, [Unsafe(one.name, one.url, problems.get(one.name, {})) for one in left])
     with suppress(RecordError, OSError), guard_lock(folder):
         action_log.tidy()
+
+
+def _pause_s(left: Sequence[StationLease], continuity: Continuity) -> float:
+    now = elapsed()
+    if any(continuity.has_orders_left(station.name, now) for station in left):
+        return ORDER_AGAIN_S
+    return RETRY_EVERY_S
 
 
 if __name__ == "__main__":

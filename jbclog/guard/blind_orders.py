@@ -17,6 +17,7 @@ from jbclog.guard.lease import StationLease
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.commands.family import FAMILIES
+from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.secure import LOOK_S
 from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
@@ -85,6 +86,10 @@ class BlindOrders:
         """Number of orders sent since the recorder's death."""
         return self._continuity.orders[self._lease.name]
 
+    def ordered(self, port: int) -> StatusWord | None:
+        """Return the state that the tool in `port` was last ordered into; None if it was not."""
+        return self._continuity.ordered.get((self._lease.name, port))
+
     def why_not(self, port: int) -> str:
         """Return why the tool in `port` got no order; empty if it was not refused one."""
         return self._why or self._why_not_port.get(port, "")
@@ -137,13 +142,14 @@ class BlindOrders:
                 continue
             if (yield from _write(task, "status", word, tool.port)):
                 tool.note_order(word)
+                self._continuity.ordered[self._lease.name, tool.port] = word
                 tool.reached = SafetyResult.SENT
 
     def _is_allowed_now(self) -> bool:
         """Return True if the station is still proven, just before an order is sent."""
         return self._continuity.why_not(self._lease, self.device, self._now()) is None
 
-    def _word(self, task: SafetyTask, tool: ToolSafety) -> tuple[int, ...] | None:
+    def _word(self, task: SafetyTask, tool: ToolSafety) -> StatusWord | None:
         proof = self._continuity.proofs[self._lease.name]
         why = why_left_alone(task.family, proof.statuses.get(tool.port))
         word = blind_word(

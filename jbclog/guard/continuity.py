@@ -59,7 +59,8 @@ class Continuity:
 
     `families`: names of all families of the line file, recorded or not; None until the recorder has
     sent them. `died_at`: when the recorder was gone. `orders`: number of orders sent to a station
-    without an answer. `others`: what was found in a station's place.
+    without an answer, and `ordered` the state by station and port. `others`: what was found in a
+    station's place.
     """
 
     def __init__(self) -> None:
@@ -67,6 +68,7 @@ class Continuity:
         self.families: tuple[str, ...] | None = None
         self.died_at = 0.0
         self.orders: Counter[str] = Counter()
+        self.ordered: dict[tuple[str, int], StatusWord] = {}
         self.others: dict[str, str] = {}
 
     def note_answers(self, times: Mapping[str, float]) -> None:

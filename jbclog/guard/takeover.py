@@ -41,11 +41,14 @@ OPENING = 5  # descriptors of a port while it is being opened
 ENDED_S = 8.0  # a hanging driver must not delay the results of the other ports
 BEGUN_S: Final = 0.5  # for a thread to begin on a busy machine; if both begin, only one works
 LOOK_S: Final = 0.005
+Problems = dict[str, dict[int, str]]
+"""What is not safe, by station and port; 0 for the whole station."""
 OTHER_LEASES_S: Final = 0.2  # for the leases of other runs, whose disks may hang
 
 
 class TakeOver:
     """Makes safe what these leases hold, and logs it. `left`: leases that still hold something.
+    `problems`: why.
 
     `again`: a repeated attempt; failures are not logged twice. `spare`: leave tools alone that are
     at rest. `flooded`: stations already ordered over a flooded link; with repeated orders a tool
@@ -63,6 +66,7 @@ class TakeOver:
         continuity: Continuity | None = None,
     ) -> None:
         self.flooded = set(flooded)
+        self.problems: Problems = {}
         self._left = {station.name: station for station in stations if station.holds}
         self._action_log = action_log
         self._again = again
@@ -112,17 +116,14 @@ class TakeOver:
         for tool in task.tools:
             if tool.is_safe and tool.status is not None:
                 self._report_safe(lease, task, tool)
-            elif blind is not None and blind.count > ordered_before and tool.was_ordered:
-                self._report_ordered(lease, task, tool, blind)
+            elif blind is not None and blind.ordered(tool.port) is not None:
+                is_news = blind.count > ordered_before
+                self._report_ordered(lease, task, tool, blind, is_news=is_news)
             else:
                 self._report_unsafe(lease, task, tool, blind)
         if task.feeds:
-            self._report(
-                lease,
-                "safety.not_safe",
-                CRITICAL,
-                "the guard could not stop the feeder; switch the station off",
-            )
+            text = "the guard could not stop the feeder; switch the station off"
+            self._report(lease, "safety.not_safe", CRITICAL, text)
 
     def _blind_orders(self, lease: StationLease) -> BlindOrders | None:
         if self._continuity is None:
@@ -192,11 +193,18 @@ class TakeOver:
         self._report(lease, "safety.safe_state", severity, text, tool.port)
 
     def _report_ordered(
-        self, lease: StationLease, task: SafetyTask, tool: ToolSafety, blind: BlindOrders
+        self,
+        lease: StationLease,
+        task: SafetyTask,
+        tool: ToolSafety,
+        blind: BlindOrders,
+        *,
+        is_news: bool,
     ) -> None:
         """Report a tool that was ordered without an answer of its station."""
-        assert tool.ordered is not None
-        state = task.family.status.shown(tool.ordered)
+        word = blind.ordered(tool.port)
+        assert word is not None
+        state = task.family.status.shown(word)
         text = (
             f"the station does not answer: {state} was ordered {count_text(blind.count, 'time')},"
             " not confirmed"
@@ -210,7 +218,7 @@ class TakeOver:
             f"{text}; {HOT}",
             tool.port,
             orders=blind.count,
-            is_news=True,
+            is_news=is_news,
         )
 
     def _report_unsafe(
@@ -238,6 +246,8 @@ class TakeOver:
         orders: int | None = None,
         is_news: bool = False,
     ) -> None:
+        if severity == CRITICAL:
+            self.problems.setdefault(lease.name, {})[port or 0] = text
         if self._again and severity == CRITICAL and not is_news:
             return
         self._action_log.write(

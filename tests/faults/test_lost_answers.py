@@ -16,11 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.guard.continuity import MOST_ORDERS, ORDER_FOR_S, PROVEN_FOR_S
-from jbclog.protocol.commands.status import STAND
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
-from jbclog.sim.port import WORKING
+from jbclog.guard.continuity import ORDER_FOR_S
 from support.command import until
 from support.faults.guarded import (
     TOLD_S,
@@ -32,7 +28,7 @@ from support.faults.guarded import (
     guard_of,
     only_run,
 )
-from support.virtual.served_line import Order, ServedLine
+from support.virtual.served_line import ServedLine
 
 pytestmark = pytest.mark.usefixtures("own_state")
 

@@ -21,6 +21,7 @@ from jbclog.guard import lease as leases
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.continuity import Continuity
+from jbclog.guard.inquiry import Inquiries
 from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.watch import HUNG_S, GuardLost, Recorder, Verdict, Watch
@@ -269,5 +270,8 @@ def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_le
     monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.01)
     monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 60.0)
     began = time.monotonic()
-    guard_itself._retry(tmp_path, [LEASE], (), Continuity(), lease_writer, action_log)
+    with Inquiries(tmp_path) as inquiries:
+        guard_itself._retry(
+            tmp_path, [LEASE], (), Continuity(), inquiries, lease_writer, action_log
+        )
     assert time.monotonic() - began < 30
