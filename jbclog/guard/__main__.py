@@ -215,9 +215,20 @@ def _retry(
             problems = taking_over.problems
             _close_lease(left, lease_writer, action_log)
         if asking is not None:
-            answer(asking, [Unsafe(one.name, one.url, problems.get(one.name, {})) for one in left])
+            answer(asking, [_unsafe(station, problems, continuity) for station in left])
     with suppress(RecordError, OSError), guard_lock(folder):
         action_log.tidy()
+
+
+def _unsafe(station: StationLease, problems: Problems, continuity: Continuity) -> Unsafe:
+    name = station.name
+    return Unsafe(
+        name,
+        station.url,
+        problems.get(name, {}),
+        continuity.orders[name],
+        continuity.others.get(name),
+    )
 
 
 def _pause_s(left: Sequence[StationLease], continuity: Continuity) -> float:

@@ -5,25 +5,22 @@ which station it is.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 from jbclog.core.clock import elapsed
 from jbclog.core.errors import LinkFlooded, Refusal, StationError
 from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import Value
 from jbclog.core.states import SafetyResult
-from jbclog.guard.continuity import Continuity, blind_word, why_left_alone
+from jbclog.guard.continuity import Continuity, why_left_alone
 from jbclog.guard.lease import StationLease
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.status import StatusWord
+from jbclog.session.safety.blind import blind_word, write_unanswered
 from jbclog.session.safety.secure import LOOK_S
 from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 from jbclog.transport.device import PortDevice
-
-ANSWER_S: Final = 0.15  # for the acknowledgement of an order, which is not expected
 
 
 def _ignore(_other: str) -> None:
@@ -135,12 +132,12 @@ class BlindOrders:
     def _order(self, task: SafetyTask) -> Steps[None]:
         """Stop the feeder, and order each tool that was at work."""
         if task.feeds:
-            yield from _write(task, "stop_feeding", 0)
+            yield from write_unanswered(task.client, task.family, "stop_feeding", 0)
         for tool in task.tools:
             word = self._word(task, tool)
             if word is None or not self._is_allowed_now():
                 continue
-            if (yield from _write(task, "status", word, tool.port)):
+            if (yield from write_unanswered(task.client, task.family, "status", word, tool.port)):
                 tool.note_order(word)
                 self._continuity.ordered[self._lease.name, tool.port] = word
                 tool.reached = SafetyResult.SENT
@@ -161,17 +158,3 @@ class BlindOrders:
             return word
         self._why_not_port[tool.port] = why
         return None
-
-
-def _write(task: SafetyTask, name: str, value: Value, port: int | None = None) -> Steps[bool]:
-    """Write without waiting long for an answer; return True if the frame was sent."""
-    client = task.client
-    before = client.exchanges
-    writing = client.write(task.family.commands[name], value, port, hurry=True, once=True)
-    try:
-        yield from in_time(writing, client.now, client.now + ANSWER_S)
-    except LinkFlooded as flood:
-        task.flood = flood
-    except StationError:
-        pass  # the question which station it is goes on
-    return client.exchanges > before

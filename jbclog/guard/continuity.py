@@ -28,7 +28,7 @@ from typing import Final
 from jbclog.core.foreign.json_reader import builder
 from jbclog.guard.lease import StationLease
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.status import EXTRACTOR, NO_STATUS, StatusWord
+from jbclog.protocol.commands.status import NO_STATUS, StatusWord
 from jbclog.transport.device import PortDevice
 
 PROVEN_FOR_S: Final = 30.0
@@ -121,17 +121,6 @@ def is_mixed(families: Collection[str] | None, elsewhere: Collection[str] | None
     tables = [FAMILIES[name].status for name in names]
     kinds = {table.names for table in tables if table is not NO_STATUS}
     return len(kinds) > 1
-
-
-def blind_word(family: Family, *, suction: bool, mixed: bool) -> StatusWord | None:
-    """Return the order that makes a tool safe without reading anything; None if there is none.
-
-    On a mixed line it is 00010, which heats no tool of any family.
-    """
-    orders = [family.status.orders[state] for state in family.safe_states]
-    if mixed:
-        return EXTRACTOR if EXTRACTOR in orders else None
-    return family.status.with_suction(orders[0], on=suction) if orders else None
 
 
 def why_left_alone(family: Family, status: StatusWord | None) -> str | None:

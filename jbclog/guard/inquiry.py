@@ -29,11 +29,15 @@ CREDENTIALS: Final = struct.Struct("3i")
 
 @dataclass(frozen=True, slots=True)
 class Unsafe:
-    """A station that a guard could not make safe. `texts`: why, by port; 0 for all of it."""
+    """A station that a guard could not make safe. `texts`: why, by port; 0 for all of it. `orders`:
+    sent without an answer. `other`: what was found in its place.
+    """
 
     name: str
     url: str
     texts: dict[int, str]
+    orders: int = 0
+    other: str | None = None
 
     def is_at(self, url: str) -> bool:
         return is_one_port(self.url, url)
@@ -97,28 +101,29 @@ def answer(asking: socket.socket, stations: Sequence[Unsafe]) -> None:
 
 
 class Inquiry:
-    """The side of `jbclog safe`, to the guard of the run in `folder`; a context manager within
-    which that guard opens no port.
-
-    `stations`: what it could not make safe; None if no guard is at work there.
+    """The side of `jbclog safe`, to the guard of the run in `folder`, which opens no port from its
+    answer until `close`. `is_at_work`: there is such a guard.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.stations: tuple[Unsafe, ...] | None = None
+        self.is_at_work = False
         self._socket: socket.socket | None = None
-
-    def __enter__(self) -> Self:
-        with suppress(OSError, AttributeError, ValueError):
+        with suppress(OSError, AttributeError):
             asking = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             self._socket = asking
             asking.settimeout(ANSWER_S)
-            asking.connect(_address(self.folder))
-            if _user_of(asking) in (0, os.getuid()):
-                self.stations = _build_report(json_of(_read_all(asking)))
-        return self
+            asking.connect(_address(folder))
+            self.is_at_work = _user_of(asking) in (0, os.getuid())
 
-    def __exit__(self, *_: object) -> None:
+    def answer(self) -> tuple[Unsafe, ...]:
+        """Wait for the guard's try; return what it could not make safe."""
+        with suppress(OSError, ValueError):
+            if self._socket is not None and self.is_at_work:
+                return _build_report(json_of(_read_all(self._socket)))
+        return ()
+
+    def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
 

@@ -247,7 +247,7 @@ def _why_away(folder: Path) -> str | None:
     return why
 
 
-def families_leased(besides: Path) -> set[str] | None:
+def families_leased(besides: Path | None = None) -> set[str] | None:
     """Return the families of this user's registered leases, except those of the run in `besides`;
     None if one of them may be missing.
     """
@@ -261,7 +261,7 @@ def families_leased(besides: Path) -> set[str] | None:
     except OSError:
         return None
     found = set()
-    own = os.path.realpath(besides)
+    own = None if besides is None else os.path.realpath(besides)
     for link in links:
         folder = Path(os.path.realpath(link))
         if str(folder) == own:
