@@ -307,7 +307,7 @@ class GuardsAtWork:
         return next((report for report in self._reports if report[1].is_at(url)), None)
 
     def close(self) -> None:
-        """Let the guards go on."""
+        """Let the guards continue."""
         for asked in self._asked:
             asked.close()
 

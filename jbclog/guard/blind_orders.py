@@ -92,7 +92,7 @@ class BlindOrders:
         return self._why or self._why_not_port.get(port, "")
 
     def prove(self, task: SafetyTask) -> Steps[bool]:
-        """Ask which station it is. If that is not answered at once, order it, and go on asking."""
+        """Ask which station it is. If that is not answered at once, order it, and ask again."""
         client, failure = task.client, None
         try:
             if (yield from in_time(self._identify(task), client.now, client.now + LOOK_S)):
