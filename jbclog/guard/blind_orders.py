@@ -89,7 +89,7 @@ class BlindOrders:
 
     def why_not(self, port: int) -> str:
         """Return why the tool in `port` got no order; empty if it was not refused one."""
-        return self._why or self._why_not_port.get(port, "")
+        return self._why_not_port.get(port) or self._why
 
     def prove(self, task: SafetyTask) -> Steps[bool]:
         """Ask which station it is. If that is not answered at once, order it, and ask again."""
@@ -116,6 +116,8 @@ class BlindOrders:
         why = self._continuity.why_not(self._lease, self.device, self._now())
         if why is not None:
             self._why = why
+            for tool in task.tools if self.count else ():
+                self._word(task, tool)  # why a tool that rests was not among those ordered
             # over a flooded link the usual order would go out, which may heat on a mixed line
             if self.was_mixed or self.count or self._lease.name in self._continuity.others:
                 task.is_stranger = True

@@ -29,6 +29,10 @@ class Identities:
         device = device_of(self._contexts[name].order.url, port.fileno())
         self._opened[name] = device, elapsed()
 
+    def __contains__(self, name: str) -> bool:
+        """Return True if the station has a proof."""
+        return name in self._proofs
+
     def families(self) -> list[str]:
         """Return the families of the line, recorded or not; ``auto`` for an unknown one."""
         recorded = {context.facts.family for context in self._contexts.values()}

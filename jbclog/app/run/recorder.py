@@ -211,7 +211,8 @@ class Recorder:
 
     def _update_guard(self, facts: StationFacts) -> None:
         self._guarding.update(facts)
-        self._send_identities()
+        if facts.touched and facts.name not in self._identities:  # later proofs go with the beat
+            self._send_identities()
 
     def _renew_guard(self) -> None:
         self._send_identities()
