@@ -83,8 +83,10 @@ class BlindOrders:
         """Number of orders sent since the recorder's death."""
         return self._continuity.orders[self._lease.name]
 
-    def ordered(self, port: int) -> StatusWord | None:
-        """Return the state that the tool in `port` was last ordered into; None if it was not."""
+    def ordered(self, port: int) -> tuple[StatusWord, int] | None:
+        """Return the state that the tool in `port` was last ordered into, and how often it was
+        ordered; None if it was not.
+        """
         return self._continuity.ordered.get((self._lease.name, port))
 
     def why_not(self, port: int) -> str:
@@ -141,7 +143,7 @@ class BlindOrders:
                 continue
             if (yield from write_unanswered(task.client, task.family, "status", word, tool.port)):
                 tool.note_order(word)
-                self._continuity.ordered[self._lease.name, tool.port] = word
+                self._continuity.note_order(self._lease.name, tool.port, word)
                 tool.reached = SafetyResult.SENT
 
     def _is_allowed_now(self) -> bool:

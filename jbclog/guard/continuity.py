@@ -58,9 +58,9 @@ class Continuity:
     """What a guard knows about the stations of its run, to order one that does not answer.
 
     `families`: names of all families of the line file, recorded or not; None until the recorder has
-    sent them. `died_at`: when the recorder was gone. `orders`: number of orders sent to a station
-    without an answer, and `ordered` the state by station and port. `others`: what was found in a
-    station's place.
+    sent them. `died_at`: when the recorder was gone. `orders`: how often a station was ordered
+    without an answer, and `ordered` how often each tool, with the last state, by station and port.
+    `others`: what was found in a station's place.
     """
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Continuity:
         self.families: tuple[str, ...] | None = None
         self.died_at = 0.0
         self.orders: Counter[str] = Counter()
-        self.ordered: dict[tuple[str, int], StatusWord] = {}
+        self.ordered: dict[tuple[str, int], tuple[StatusWord, int]] = {}
         self.others: dict[str, str] = {}
 
     def note_answers(self, times: Mapping[str, float]) -> None:
@@ -77,6 +77,20 @@ class Continuity:
             proof = self.proofs.get(station)
             if proof is not None:
                 self.proofs[station] = replace(proof, answered_at=answered_at)
+
+    def note_order(self, station: str, port: int, word: StatusWord) -> None:
+        """Register that a tool was ordered without an answer."""
+        _, times = self.ordered.get((station, port), (word, 0))
+        self.ordered[station, port] = word, times + 1
+
+    def may_rest(self, lease: StationLease) -> bool:
+        """Return True if a leased tool was at rest when its status was last read."""
+        family = FAMILIES.get(lease.family)
+        proof = self.proofs.get(lease.name)
+        if family is None or proof is None:
+            return False
+        statuses = [proof.statuses.get(port) for port in lease.ports]
+        return any(why_left_alone(family, status) for status in statuses)
 
     def has_orders_left(self, station: str, now: float) -> bool:
         """Return True if an order without an answer may still become possible."""

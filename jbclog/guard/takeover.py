@@ -51,8 +51,9 @@ class TakeOver:
     `problems`: why.
 
     `again`: a repeated attempt; failures are not logged twice. `spare`: leave tools alone that are
-    at rest. `flooded`: stations already ordered over a flooded link; with repeated orders a tool
-    would never sleep. `continuity`: for orders to stations that do not answer; None: they get none.
+    at rest; so are those of a station where one was when it was last read. `flooded`: stations
+    already ordered over a flooded link; with repeated orders a tool would never sleep.
+    `continuity`: for orders to stations that do not answer; None: they get none.
     """
 
     def __init__(
@@ -178,7 +179,8 @@ class TakeOver:
             lease.feeds,
             lambda: identify(client, lease),
             is_proven=False,
-            spare=self._spare,
+            spare=self._spare
+            or (self._continuity is not None and self._continuity.may_rest(lease)),
             is_stranger=lease.name in self.flooded,
         )
 
@@ -202,11 +204,12 @@ class TakeOver:
         is_news: bool,
     ) -> None:
         """Report a tool that was ordered without an answer of its station."""
-        word = blind.ordered(tool.port)
-        assert word is not None
+        ordered = blind.ordered(tool.port)
+        assert ordered is not None
+        word, times = ordered
         state = task.family.status.shown(word)
         text = (
-            f"the station does not answer: {state} was ordered {count_text(blind.count, 'time')},"
+            f"the station does not answer: {state} was ordered {count_text(times, 'time')},"
             " not confirmed"
         )
         if blind.was_mixed:
@@ -217,7 +220,7 @@ class TakeOver:
             CRITICAL,
             f"{text}; {HOT}",
             tool.port,
-            orders=blind.count,
+            orders=times,
             is_news=is_news,
         )
 

@@ -150,6 +150,31 @@ def test_a_tool_that_rests_is_left_alone(
     assert (why_left_alone(FAMILIES[family], status) is None) is is_ordered
 
 
+@pytest.mark.parametrize(
+    ("statuses", "may_rest"),
+    [
+        ({1: WORKING}, False),
+        ({1: None}, False),
+        ({}, False),
+        ({1: STAND}, True),
+        ({2: STAND}, False),
+    ],
+)
+def test_a_station_where_a_leased_tool_rested_is_read_before_it_is_ordered(
+    statuses: dict[int, StatusWord | None], may_rest: bool
+) -> None:
+    continuity = known()
+    continuity.proofs["ucr-1"] = replace(PROOF, statuses=statuses)
+    assert continuity.may_rest(LEASE) is may_rest
+
+
+def test_each_tool_has_its_own_number_of_orders() -> None:
+    continuity = known()
+    for port in (1, 2, 1):
+        continuity.note_order("ucr-1", port, STAND)
+    assert continuity.ordered == {("ucr-1", 1): (STAND, 2), ("ucr-1", 2): (STAND, 1)}
+
+
 # -- the recorder's lines --------------------------------------------------------------------------
 
 
