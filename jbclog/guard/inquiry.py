@@ -22,7 +22,7 @@ from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.serial_line import is_one_port
 
 ANSWER_S: Final = 9.0  # a try of the guard takes 3 s; 8 s with a driver that hangs
-DONE_S: Final = 60.0  # for `safe`, before the guard resumes
+DONE_S: Final = 300.0  # for `safe`, which may ask a person, before the guard resumes
 LONGEST: Final = 1 << 20
 CREDENTIALS: Final = struct.Struct("3i")
 

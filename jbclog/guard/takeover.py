@@ -123,8 +123,13 @@ class TakeOver:
             else:
                 self._report_unsafe(lease, task, tool, blind)
         if task.feeds:
-            text = "the guard could not stop the feeder; switch the station off"
-            self._report(lease, "safety.not_safe", CRITICAL, text)
+            text, is_news = "the guard could not stop the feeder; switch the station off", False
+            if blind is not None and blind.count:
+                times, is_news = count_text(blind.count, "time"), blind.count > ordered_before
+                text = (
+                    f"the feeder's stop was ordered {times}, not confirmed; switch the station off"
+                )
+            self._report(lease, "safety.not_safe", CRITICAL, text, is_news=is_news)
 
     def _blind_orders(self, lease: StationLease) -> BlindOrders | None:
         if self._continuity is None:
