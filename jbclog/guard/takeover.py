@@ -153,7 +153,7 @@ class TakeOver:
             task.prove = lambda: blind.prove(task)
 
         def opened() -> Port:
-            port = open_port(lease.url, _format(lease))
+            port = _open(lease)
             if blind is not None:
                 blind.device = device_of(lease.url, port.fileno())
             return port
@@ -266,6 +266,10 @@ class TakeOver:
 
 def _format(lease: StationLease) -> LineFormat:
     return LineFormat(lease.baudrate, lease.format)
+
+
+def _open(lease: StationLease) -> Port:
+    return open_port(lease.url, _format(lease))
 
 
 class FamiliesElsewhere:
