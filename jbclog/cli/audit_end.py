@@ -92,6 +92,8 @@ def _below(row: DueRow) -> Iterator[tuple[str, str]]:
         for task in row.tasks
         if task.state is not State.FINE or task.told_by
     )
+    if one.question:
+        yield "suspect", one.question
     yield from (
         ("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from jbclog.config.task_names import STATED
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Fact, Observation, Standing
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval, Reading, seconds
 
@@ -47,11 +48,22 @@ class History:
                     found.setdefault((count.port, count.counter), []).append(Reading(look, shown))
         return found
 
-    def stated(self, task: str, begin: int, end: int) -> Iterator[Fact]:
-        """Yield the facts of a task of `STATED` whose time is between two looks."""
-        for fact in self.facts:
-            if fact.task == task and self.times[begin] < seconds(fact.time) <= self.times[end]:
-                yield fact
+    @cached_property
+    def answers(self) -> list[Fact]:
+        """What people recorded of the counters themselves."""
+        return [fact for fact in self.facts if fact.task in STATED]
+
+    def stated_h(self, task: str, begin: int, end: int, port: int | None = None) -> list[float]:
+        """Return the hours from one look to each answer `task` up to a later look; `port`: only
+        answers for that port, or for all.
+        """
+        times = [
+            seconds(fact.time)
+            for fact in self.answers
+            if fact.task == task and (port is None or fact.port in (None, port))
+        ]
+        first, last = self.times[begin], self.times[end]
+        return [(time - first) / 3600 for time in times if first < time <= last]
 
 
 def _shown(count: Count) -> Interval | None:

@@ -148,7 +148,10 @@ def test_a_tasks_file_says_which_tasks_there_are(ledger: Path, tmp_path: Path) -
     assert call(*asked, "--task", "counters-reset").exit_code == 0  # which needs no tasks file
     refused = call(*asked, "--task", "tip-change")
     assert refused.exit_code == 2
-    assert "there are counters-reset, guide-tube, station-replaced" in refused.stderr
+    assert (
+        "there are counters-reset, counters-rolled-over, guide-tube, station-replaced"
+        in refused.stderr
+    )
 
 
 def test_the_list_has_what_was_done_in_order(ledger: Path) -> None:
