@@ -209,7 +209,6 @@ def _audited(
         audited.trouble,
         fail_on,
         next(iter(received), None),
-        audited.notices,
     )
 
 
