@@ -7,6 +7,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from shlex import quote
 from typing import Final
 
 from jbclog.config.task_names import STATED
@@ -323,10 +324,10 @@ def _question(changes: Iterable[Difference], station: str) -> str:
     if more:
         each.append(f"and {more} more")
     begin, end = max(change.begin for change in broken), broken[0].end
+    command = f"jbclog maintenance done --station {quote(station)} --at {end} --task"
     return (
         f"{'; '.join(each)}: reset, exchanged, or rolled over between {_minute(begin)} and"
-        f" {_minute(end)}. Record which: `jbclog maintenance done --station {station} --at {end}"
-        f" --task` {', '.join(STATED[:-1])} or {STATED[-1]}"
+        f" {_minute(end)}. Record which: `{command}` {', '.join(STATED[:-1])} or {STATED[-1]}"
     )
 
 
