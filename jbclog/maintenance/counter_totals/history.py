@@ -18,16 +18,12 @@ MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of
 
 @dataclass
 class History:
-    """One station of one line. `looks`: observations that it answered; `all`: all observations."""
+    """One station of one line. `looks`: observations that it answered."""
 
     line: str
     station: str
-    all: list[Observation] = field(default_factory=list)
+    looks: list[Observation] = field(default_factory=list)
     facts: list[Fact] = field(default_factory=list)
-
-    @cached_property
-    def looks(self) -> list[Observation]:
-        return [one for one in self.all if one.seen]
 
     @cached_property
     def times(self) -> list[float]:
@@ -82,6 +78,6 @@ def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
         history = found.setdefault((entry.line, entry.station), History(entry.line, entry.station))
         if isinstance(entry, Fact):
             history.facts.append(entry)
-        else:
-            history.all.append(entry)
+        elif entry.seen:
+            history.looks.append(entry)
     return found

@@ -39,6 +39,7 @@ from jbclog.maintenance.counter_totals.span import (
     top_of,
 )
 from jbclog.maintenance.counter_totals.totals import (
+    CONTINUED,
     Difference,
     DifferenceKind,
     Join,
@@ -49,7 +50,6 @@ from jbclog.maintenance.counter_totals.totals import (
 MARGIN = 10.0  # factor by which other work may advance a counter faster than ever seen
 LEAST_SEEN = 6  # fewer may all be from quiet weeks
 LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
-PLAIN = frozenset({"unchanged", "went_on"})
 
 Readings = Mapping[Key, Reading]
 
@@ -230,7 +230,7 @@ class _Pass:
         time = self.history.looks[span.after.look].time
         trace.points.append(Point(span.after.look, time, shown, judged.join, judged.lost))
         # without roll-overs, the points show what was read
-        is_plain = judged.rule in PLAIN and not rolled
+        is_plain = judged.rule in CONTINUED and not rolled
         trace.kept.append(None if is_plain else self._difference(judged))
         self._last[key] = span.after
 
