@@ -1,9 +1,11 @@
 """One port of a run as arrays, and its stretches without a gap.
 
-Seconds are on the run's grid (tick × period). With ``--rate max`` there is no grid: seconds are UTC
-corrected for clock steps, the period is the median interval of rows, and a gap is longer than four
-periods and than half a second, because the interval then depends on the station's speed. A value
-that was not read is NaN.
+Each row has two times in s. It was *due* on the run's grid (tick × period): gaps and coverage count
+these. It was *read* when its answer came: heat balance and edges use these, because a hot tip
+moves by a degree in 10 ms. With ``--rate max`` there is no grid: both are UTC corrected for clock
+steps, the period is the median interval of rows, and a gap is longer than four periods and than
+half a second, because the interval then depends on the station's speed. A value that was not read
+is NaN.
 """
 
 from __future__ import annotations
@@ -41,14 +43,15 @@ class Cycles:
 class Series:
     """The rows of one port in order of time.
 
-    - `rows`: seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot
-      air: is on)
+    - `rows`: seconds when due, °C, ‰, the setpoint in °C where it was read, and whether the tool
+      works (hot air: is on)
     - `known`: whether the state was read
     - `feeding`: 1 where the feeder's motor pushed wire, 0 where not, NaN where not read; None for a
       tool without a feeder
     - `cycles`: the feeder's counts, if read
     - `rated_w`: power at 1000 ‰, if the line file declares it
     - `ordered_s`: when the run ordered the tool to work
+    - `read_s`: seconds when each row was read, never falling; None: when it was due
     """
 
     rows: Block
@@ -59,10 +62,16 @@ class Series:
     ordered_s: float | None = None
     on_grid: bool = True
     cycles: Cycles | None = None
+    read_s: Floats | None = None
 
     @property
     def seconds(self) -> Floats:
         return self.rows.seconds
+
+    @property
+    def moments(self) -> Floats:
+        """When each row was read, in s."""
+        return self.seconds if self.read_s is None else self.read_s
 
     @property
     def gap_s(self) -> float:
@@ -252,8 +261,9 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     places = np.flatnonzero(is_read)
     if not len(places):
         return []
-    moved, took_s = np.diff(rows.temperature[places]), np.diff(rows.seconds[places])
-    apart = took_s > max(series.gap_s, BRIDGED_S) + 1e-6
+    moments = series.moments
+    moved, took_s = np.diff(rows.temperature[places]), np.diff(moments[places])
+    apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
     leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (
         -moved > np.maximum(FALL_C, FALL_K_PER_S * took_s)
     )
@@ -261,14 +271,12 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
     begins = [
-        _grid_start(float(rows.seconds[places[0]]), begun),
-        *(float(rows.seconds[piece[0]]) for piece in pieces[1:]),
+        _grid_start(float(moments[places[0]]), begun),
+        *(float(moments[piece[0]]) for piece in pieces[1:]),
     ]
     every = zip(pieces, begins, strict=True)
     found = [
-        _on_even_grid(rows, setting, piece, series.period_s, begin)
-        for piece, begin in every
-        if len(piece) > 1
+        _on_even_grid(series, setting, piece, begin) for piece, begin in every if len(piece) > 1
     ]
     return [stretch for stretch in found if len(stretch) * series.period_s >= SHORTEST_S]
 
@@ -298,14 +306,14 @@ class Unseen:
         """Add the rows `own` of a window, in order of time; the window may have other rows before
         and after them.
         """
-        at, period = series.seconds[own], series.period_s
+        at, moments, period = series.seconds[own], series.moments[own], series.period_s
         if not len(at) or not period:
             return
         self._period_s = period
         analysed = np.zeros(len(at), dtype=np.bool_)
         for part in parts:
             first, last = np.searchsorted(
-                at, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2]
+                moments, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2]
             )
             analysed[first:last] = True
         lost = (series.rows.working[own] | ~series.known[own]) & ~analysed
@@ -347,12 +355,13 @@ def _grid_start(first_s: float, begun: Sequence[Stretch]) -> float:
 
 
 def _on_even_grid(
-    rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float
+    series: Series, setting: Floats, places: NDArray[np.int64], begin_s: float
 ) -> Stretch:
-    """Interpolate these rows on an even grid through `begin_s`; the setpoint is the last one
-    before.
+    """Interpolate these rows, from when they were read, on an even grid through `begin_s`; the
+    setpoint is the last one before.
     """
-    seconds = rows.seconds[places]
+    rows, period_s = series.rows, series.period_s
+    seconds = series.moments[places]
     first = ceil((seconds[0] - begin_s) / period_s - 1e-6)
     last = floor((seconds[-1] - begin_s) / period_s + 1e-6)
     grid = moments_of_grid((begin_s, first), last + 1 - first, period_s)
