@@ -96,12 +96,7 @@ JOINTS: Final[Sequence[Column]] = (
     ("start_s!", FLOAT, "s", "the same on the run's monotonic grid, between rows"),
     ("end_s!", FLOAT, "s", "the same on the run's monotonic grid, between rows"),
     ("touches!", INT, "count", "contacts joined in it; 0: a feed without a draw of heat"),
-    (
-        "dwell_s",
-        FLOAT,
-        "s",
-        "time in which heat flows into the work; null where the number of joints is not known",
-    ),
+    ("dwell_s", FLOAT, "s", "time in which heat flows into the work"),
     ("depth_c", FLOAT, "°C", "temperature at the start minus the lowest until the tip is back"),
     (
         "recovery_s",
@@ -132,7 +127,7 @@ JOINTS: Final[Sequence[Column]] = (
         "why",
         TEXT,
         "",
-        ("why recovery, depth, energy or dwell is null; or that only the feeder shows the joint"),
+        "why recovery, depth or energy is null; or that only the feeder shows the joint",
     ),
     (
         "kind!",
