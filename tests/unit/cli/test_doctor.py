@@ -65,7 +65,12 @@ def test_json(place: Path) -> None:
     told = json.loads("\n".join(lines))
     assert code == 1
     assert told["fine"] is False
-    assert [one["kind"] for one in told["looked"]] == ["disk", "clock", "guard.list", "port.missing"]
+    assert [one["kind"] for one in told["looked"]] == [
+        "disk",
+        "clock",
+        "guard.list",
+        "port.missing",
+    ]
     assert [one["step"] is None for one in told["looked"]] == [True, True, True, False]
 
 
