@@ -15,6 +15,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,6 +242,7 @@ class Stretch:
 
 
 SHORTEST_S = 3.0
+MOST_BEYOND: Final = 0.5  # periods by which the last row of a stretch may be later than its reading
 BRIDGED_S = 0.5
 """Shorter times without readings are interpolated: a gap would cut a draw across it in two."""
 
@@ -271,8 +273,8 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
     begins = [
-        _grid_start(float(moments[places[0]]), begun),
-        *(float(moments[piece[0]]) for piece in pieces[1:]),
+        _grid_start(float(moments[places[0]]), begun, _begin(series, pieces[0])),
+        *(_begin(series, piece) for piece in pieces[1:]),
     ]
     every = zip(pieces, begins, strict=True)
     found = [
@@ -347,11 +349,21 @@ class Unseen:
         self._seconds, self._pieces = self._seconds + float(long.sum()), self._pieces + len(long)
 
 
-def _grid_start(first_s: float, begun: Sequence[Stretch]) -> float:
-    """Return a moment of the grid of the stretch that has a reading at `first_s`."""
+def _begin(series: Series, places: NDArray[np.int64]) -> float:
+    """Return a moment of the grid of these rows: when the second was read, because the first one
+    of a run is later than the rest.
+    """
+    second = min(1, len(places) - 1) if series.read_s is not None else 0
+    return float(series.moments[places[second]])
+
+
+def _grid_start(first_s: float, begun: Sequence[Stretch], begin_s: float) -> float:
+    """Return a moment of the grid of the stretch that has a reading at `first_s`; `begin_s` if it
+    was not begun in the window before.
+    """
     place = bisect_right(begun, first_s + 1e-6, key=lambda stretch: float(stretch.seconds[0])) - 1
     continues = place >= 0 and first_s <= begun[place].seconds[-1] + begun[place].period_s
-    return float(begun[place].seconds[0]) if continues else first_s
+    return float(begun[place].seconds[0]) if continues else begin_s
 
 
 def _on_even_grid(
@@ -359,17 +371,28 @@ def _on_even_grid(
 ) -> Stretch:
     """Interpolate these rows, from when they were read, on an even grid through `begin_s`; the
     setpoint is the last one before.
+
+    A last reading that came a little before its moment on the grid has a row, too: its values
+    continue their slope, but nothing ends later than it was read.
     """
     rows, period_s = series.rows, series.period_s
     seconds = series.moments[places]
+    beyond = 1e-6 if series.read_s is None else MOST_BEYOND
     first = ceil((seconds[0] - begin_s) / period_s - 1e-6)
-    last = floor((seconds[-1] - begin_s) / period_s + 1e-6)
+    last = floor((seconds[-1] - begin_s) / period_s + beyond)
     grid = moments_of_grid((begin_s, first), last + 1 - first, period_s)
     origin = begin_s, first
     last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)
     temperature, power = (
         np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power)
     )
+    beyond_s = grid[-1] - seconds[-1]
+    if series.read_s is not None and beyond_s > 0:
+        before, final = places[-2:]
+        took_s = seconds[-1] - seconds[-2]
+        for values, column in ((temperature, rows.temperature), (power, rows.power)):
+            values[-1] += (column[final] - column[before]) / took_s * beyond_s
+        grid[-1] = seconds[-1]
     return Stretch(period_s, grid, temperature, power, setting[places][last], origin)
 
 

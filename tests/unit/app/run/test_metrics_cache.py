@@ -265,9 +265,9 @@ def test_nobody_waits_for_it_except_where_it_would_end_too(
 
 
 FIGURES = {
-    "0.1.0": "21d7f1e422f7030c",
-    "after-0.1.0": "21d7f1e422f7030c",
-    "small": "a8c0d81af80c228b",
+    "0.1.0": "1b2c88d7e4041adb",
+    "after-0.1.0": "1b2c88d7e4041adb",
+    "small": "c8f1428f10189e98",
 }
 """Methods 3. Whoever changes these raises `METHODS` and writes down the new ones."""
 
