@@ -76,6 +76,7 @@ QUALITIES: Final = (
     "format",
     "nak",
     "implausible",
+    "contradicted",
     "no_tool",
     "skipped",
     "ok",

@@ -130,6 +130,8 @@ class SessionContext:
         self.feeder_touched = False
         self.feeder_stopped = False  # at the end, as read back
         self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
+        self.answered_at: float | None = None  # while an answer is handed over: when it came
+        self.close_rows: Callable[[], None] = lambda: None  # writes those that wait at the end
         self.connected = False
         self.away_when: str | None = None  # why the run ended while the station was away
         self.is_proven = False  # the link has not broken since the station was identified
@@ -242,8 +244,8 @@ class SessionContext:
 
     @property
     def now(self) -> float:
-        """Time of the last result, monotonic seconds."""
-        return self.station.now
+        """Time of the last result, or of the answer being handed over, monotonic seconds."""
+        return self.station.now if self.answered_at is None else self.answered_at
 
     def command(self, name: str) -> Command:
         return self.family.commands[name]

@@ -2,6 +2,11 @@
 
 A missing value is null with a reason. A value that would stop a run, a counter, and an implausible
 value are read again before they are accepted (`readings.py`).
+
+An answer may be an old one that the link repeats directly before the true one. So it counts, for
+alarms, tools, counters and everything else that the session concludes from it, once the next
+exchange has ended, or `HELD_S` after it. If the client has met another answer to the same question
+by then, the value is withdrawn. Rows are written in their order, each once all its values count.
 """
 
 from __future__ import annotations
@@ -10,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     ImplausibleAnswer,
     LinkError,
     NotSupported,
@@ -21,7 +27,8 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value, permille_of
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, Severity, quality_of, reasons_text
-from jbclog.protocol.client.interface import PreparedRead
+from jbclog.core.text import count_text
+from jbclog.protocol.client.interface import Contradiction, PreparedRead
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import NEEDS_A_TOOL, Family
 from jbclog.protocol.commands.feeder import FeederState
@@ -47,8 +54,19 @@ from jbclog.session.scheduler import ScheduledRead
 
 WIDTH = len(SAMPLE_COLUMNS)
 SKIPPED = "skipped"
+CONTRADICTED = AnswerContradicted.reason
+HELD_S = 0.25  # a row waits no longer than this for another answer to its last question
 EXPECTED = frozenset(  # reported by other events, or not at all
-    {"no_tool", "no_thermocouple", "not_counting", NO_DIGIT, SKIPPED, LinkError.reason, "robot_off"}
+    {
+        "no_tool",
+        "no_thermocouple",
+        "not_counting",
+        NO_DIGIT,
+        SKIPPED,
+        LinkError.reason,
+        "robot_off",
+        CONTRADICTED,
+    }
 )
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
@@ -156,6 +174,7 @@ class SignalRead:
     place: int | None  # of its first column
     may_be_unusable: bool
     dates_row: bool  # the row has the time of its answer
+    shows_tool: bool  # it tells whether the port has a tool
     expect: Expect | None = None
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
@@ -182,6 +201,7 @@ class SignalRead:
             place,
             is_doubtful,
             name == "temperature_c",
+            name in ("tool", "port_error"),
             _expectation(context, reading),
         )
 
@@ -228,13 +248,135 @@ class PortScan:
     no_tool: bool = False
 
 
+@dataclass(slots=True)
+class LastAnswer:
+    """An answer that does not count yet: its value, and the row that has it."""
+
+    probe: SignalRead
+    value: Value
+    scan: PortScan
+    row: SampleRow
+    reasons: dict[str, str]
+    is_observed: bool = False  # the session has acted on it
+
+
 class Scanner:
     """Reads into rows. `due` is when the tick was due; None without a grid."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context = context
         self._station = context.station
+        self._station.ended = self._end_exchange
         self._name = context.name
+        self._last: LastAnswer | None = None
+        # rows with their reasons that wait for the last answer to count
+        self.finished: list[tuple[SampleRow, dict[str, str]]] = []
+        self._contradicted = 0  # withdrawn values
+        self.failure: Exception | None = None  # raised by what an answer means; not raised yet
+
+    @property
+    def held_until(self) -> float | None:
+        """When the rows that wait have to be handed over (monotonic seconds); None if none
+        waits.
+        """
+        if not self.finished or self._last is None:
+            return None
+        heard_at = self._last.probe.look.heard_at
+        return None if heard_at is None else heard_at + HELD_S
+
+    def _end_exchange(self) -> None:
+        """Hand over within the client, which has to finish its exchange whatever that raises."""
+        try:
+            self.hand_over()
+        except Exception as error:
+            self.failure = self.failure or error
+
+    def raise_failure(self) -> None:
+        """Raise what handing over within an exchange raised."""
+        failure, self.failure = self.failure, None
+        if failure is not None:
+            raise failure
+
+    def hand_over(self) -> None:
+        """Let the last answer count, or withdraw it, and write the rows that wait for it."""
+        last, self._last = self._last, None
+        try:
+            if last is not None:
+                self._context.answered_at = last.probe.look.heard_at
+                contradicted = self._station.contradicted
+                if contradicted is None or not _is_same(contradicted, last.probe):
+                    self._observe(last)
+                elif last.probe.place is not None or not last.is_observed:
+                    self._withdraw(last)
+        finally:
+            self._context.answered_at = None
+            if self.finished:
+                self._write_rows()
+
+    def act_at_end(self) -> None:
+        """Act on the last answer although it may be contradicted yet: hot tools do not wait for
+        that, only its row does.
+        """
+        if self._last is not None:
+            self._observe(self._last)
+        self.raise_failure()
+
+    def _observe(self, last: LastAnswer) -> None:
+        probe = last.probe
+        if probe.observe is None or last.is_observed:
+            return
+        last.is_observed = True
+        try:
+            probe.observe(self._context, probe.port, last.value)
+        except Exception:  # a bug: without a value in the row it does not count as read
+            probe.due -= probe.place is None
+            raise
+        if probe.shows_tool:
+            last.scan.no_tool = is_no_tool(self._context, probe.port)
+
+    def _withdraw(self, last: LastAnswer) -> None:
+        probe = last.probe
+        for column in probe.reading.columns:
+            last.row[COLUMN[column]] = None
+        self._account(
+            probe, CONTRADICTED, last.reasons, last.scan.alarms, sent=not last.is_observed
+        )
+
+    def _count_contradicted(self, probe: SignalRead) -> None:
+        self._contradicted += 1
+        if self._contradicted == 1:
+            text = (
+                f"The {probe.question.title()} came twice and differed: the link or the station"
+                " repeats old answers. Such values are not recorded; the end of the run gives"
+                " their number."
+            )
+            self._context.note(
+                "read.contradicted",
+                Severity.WARNING,
+                text,
+                port=probe.port.number,
+            )
+
+    def report_contradicted(self) -> None:
+        """Report at the end how many values were withdrawn."""
+        count = self._contradicted
+        if not count:
+            return
+        text = (
+            f"{count_text(count, 'value')} {'was' if count == 1 else 'were'} not recorded, because"
+            " another answer to the same question differed."
+        )
+        self._context.note("read.contradicted", Severity.WARNING, text, value=count, raw="total")
+
+    def _write_rows(self) -> None:
+        finished, self.finished = self.finished, []
+        for row, reasons in finished:
+            row[_QUALITY] = quality_of(reasons) if reasons else "ok"
+            if reasons:
+                row[_REASONS] = reasons_text(reasons)
+            self._context.journal.sample(row)
+        if self._station.anomalies.pending:
+            self._context.report_anomalies()
 
     def begin(self, scan: PortScan, tick: int) -> None:
         row: SampleRow = [None] * WIDTH
@@ -344,8 +486,7 @@ class Scanner:
             probe.failing, probe.is_known = False, True
             if probe.fill is not None:
                 probe.fill(scan.row, value)
-            if probe.observe is not None:
-                probe.observe(self._context, probe.port, value)
+            self._last = LastAnswer(probe, value, scan, scan.row, scan.reasons)
         # a bug: without a value in the row it does not count as read
         except Exception:
             probe.due -= probe.place is None or scan.row[probe.place] is None
@@ -379,14 +520,7 @@ class Scanner:
 
         `error_text` is the error's text, for the event.
         """
-        probe.missed[why] = probe.missed.get(why, 0) + 1
-        for column in probe.reading.columns:
-            scan.reasons[column] = why
-        counter = probe.reading.counter
-        if counter is not None:
-            counter_row(self._context, probe.port, counter, None, f"<{why}>")
-        if probe.reading.name == "alarm_high" and sent:
-            scan.alarms.lost(self._context.now, why)
+        self._account(probe, why, scan.reasons, scan.alarms, sent=sent)
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; each row has its own reason
             self._context.note(
@@ -397,16 +531,35 @@ class Scanner:
                 raw=error_text or None,
             )
 
+    def _account(
+        self,
+        probe: SignalRead,
+        why: str,
+        reasons: dict[str, str],
+        alarms: AlarmWatch,
+        *,
+        sent: bool,
+    ) -> None:
+        probe.missed[why] = probe.missed.get(why, 0) + 1
+        for column in probe.reading.columns:
+            reasons[column] = why
+        if why == CONTRADICTED:
+            self._count_contradicted(probe)
+        counter = probe.reading.counter
+        if counter is not None:
+            counter_row(self._context, probe.port, counter, None, f"<{why}>")
+        if probe.reading.name == "alarm_high" and sent:
+            alarms.lost(self._context.now, why)
+
     def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
-        """Write the row: reasons of readings not requested, the times, the quality."""
+        """Finish the row: reasons of readings not requested, the times. Write it unless an answer
+        does not count yet.
+        """
         row, reasons = scan.row, scan.reasons
         for probe in scan.fast:
             if row[probe.place or 0] is None and probe.reading.name not in reasons:
                 probe.due += 1
                 self.unread(probe, scan, unasked)
-        row[_QUALITY] = quality_of(reasons) if reasons else "ok"
-        if reasons:
-            row[_REASONS] = reasons_text(reasons)
         first, last = scan.first_sent, scan.last_heard
         moment = due if scan.temperature_at is None else scan.temperature_at
         row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
@@ -415,9 +568,15 @@ class Scanner:
                 row[_LATE] = round((first - due) * 1e6)
             if last is not None:
                 row[_SCAN] = round((last - first) * 1e6)
-        self._context.journal.sample(row)
-        if self._station.anomalies.pending:
-            self._context.report_anomalies()
+        self.finished.append((row, reasons))
+        if self._last is None:
+            self._write_rows()
+
+
+def _is_same(contradicted: Contradiction, probe: SignalRead) -> bool:
+    """Return True if the contradicted answer is the last one to `probe`."""
+    is_its_command = contradicted.command is probe.reading.command
+    return is_its_command and contradicted.heard == probe.look.heard_at
 
 
 def _sentence(probe: SignalRead, why: str) -> str:

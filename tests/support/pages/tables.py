@@ -122,6 +122,7 @@ QUALITY: Mapping[str, str] = {
     "format": "no answer to this question",
     "nak": "refused; `reasons` has the number (`nak3`)",
     "implausible": "an impossible value, or another value when read again",
+    "contradicted": "another answer to the same question came, and differed",
     "no_tool": "no tool in the port",
     "skipped": "the tick was too late",
     "ok": "every due value was read",

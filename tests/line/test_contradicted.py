@@ -1,0 +1,156 @@
+"""An old answer comes again directly before the true one: its value is never recorded.
+
+The cable here repeats an earlier answer to the same question right before the true one, in the same
+read or in one of its own. Which values are wrong is decided by what the station answered
+(`wrong_values`), without any code of the client.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from random import Random
+
+import pytest
+
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import COLUMN, StationFacts
+from jbclog.session.run.context import StationTask
+from jbclog.transport.virtual import Peer
+from support.oracles.account import assert_account_holds, counted, wrong_values
+from support.virtual.virtual_run import VirtualRun, line_text, prepare
+
+BEGUN_S = 5.0  # the start is over
+BYTE_S = 10 / 19200
+NEAR_S = 0.12  # less than a scan without pause
+NOISY = "noise_c = 3.0"  # so that hardly any reading equals an earlier one
+
+
+class Repeating:
+    """A cable that sends an old answer to the same question directly before the true one, for a
+    share of the questions.
+    """
+
+    def __init__(self, cable: Peer, share: float, seed: int, gap_s: float, *, torn: bool) -> None:
+        self._cable = cable
+        self._share = share
+        self._gap_s = gap_s
+        self._torn = torn
+        self._random = Random(seed)
+        self._old: defaultdict[bytes, list[bytes]] = defaultdict(list)
+        self._began: float | None = None
+        self._free = 0.0
+        self.repeated = 0
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        self._began = now if self._began is None else self._began
+        replies = [(max(at, self._free), answer) for at, answer in self._cable.receive(data, now)]
+        if not replies:
+            return replies
+        at, answer = replies[0][0], replies[0][1]
+        old = self._old[data]
+        earlier = [one for one in old if one != answer]
+        old.append(answer)
+        is_due = now - self._began > BEGUN_S and self._random.random() < self._share
+        if not is_due or not earlier:
+            return replies
+        self.repeated += 1
+        before = self._random.choice(earlier[-20:])
+        if self._torn:
+            cut = self._random.randrange(1, len(answer))
+            self._free = at + self._gap_s
+            return [(at, before + answer[:cut]), (self._free, answer[cut:])]
+        self._free = at + self._gap_s
+        return [(at, before), (self._free, answer)] if self._gap_s else [(at, before + answer)]
+
+    def is_unplugged(self, now: float) -> bool:
+        return self._cable.is_unplugged(now)
+
+
+def repeated(
+    share: float,
+    *,
+    gap_s: float = len("\x020100ATT100350\x03*") * BYTE_S,
+    torn: bool = False,
+    rate: float | None = None,
+    duration_s: float = 40.0,
+    seed: int = 1,
+    keys: str = "",
+) -> tuple[VirtualRun, Repeating]:
+    cables: list[Repeating] = []
+
+    def pulled(
+        _order: StationTask, session: Steps[StationFacts], cable: Peer
+    ) -> tuple[Steps[StationFacts], Peer]:
+        cables.append(Repeating(cable, share, seed, gap_s, torn=torn))
+        return session, cables[0]
+
+    run = prepare(
+        line_text(f"seed = {seed}\n{NOISY}", keys=keys),
+        duration_s=duration_s,
+        rate=rate,
+        pulled=pulled,
+    )
+    return run.go(), cables[0]
+
+
+WAYS = {
+    "right behind it": {},
+    "in one read": {"gap_s": 0.0},
+    "torn": {"torn": True},
+    "late": {"gap_s": 0.05},
+    "at 2 Hz": {"rate": 2.0, "duration_s": 150.0},
+    "flat out": {"rate": "max"},
+}
+
+
+def wrong_temperatures(run: VirtualRun) -> list[object]:
+    """The tip temperatures that the station did not answer right before the row's time; a doubtful
+    one is asked for twice.
+    """
+    wrong = list[object]()
+    for row in run.memory.samples:
+        port, value = row[COLUMN["port"]], row[COLUMN["temperature_c"]]
+        at = float(str(row[COLUMN["time"]])) / 1e6 + 1e-6
+        asked = [
+            int(str(one.clean)[-5:])
+            for one in run.heard
+            if one.text == f"RTT{port}" and at - NEAR_S < run.utc_s(one.at) < at
+        ]
+        if value is not None and value not in asked:
+            wrong.append(row)
+    return wrong
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.2])
+def test_no_old_value_is_recorded(share: float, way: str) -> None:
+    run, cable = repeated(share, **WAYS[way])  # type: ignore[arg-type]
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert cable.repeated > 3
+    assert wrong_values(run) == []
+    assert wrong_temperatures(run) == []
+    assert_account_holds(run)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_clean_link_loses_nothing(way: str) -> None:
+    run, _ = repeated(0.0, **WAYS[way])  # type: ignore[arg-type]
+    reasons = {reason for count in counted(run).values() for reason in count}
+    assert "contradicted" not in reasons
+    assert run.memory.of_kind("read.contradicted") == []
+
+
+def test_it_is_counted_and_reported_once_and_at_the_end() -> None:
+    run, _ = repeated(0.2)
+    count = sum(
+        number
+        for reasons in counted(run).values()
+        for reason, number in reasons.items()
+        if reason == "contradicted"
+    )
+    first, total = run.memory.of_kind("read.contradicted")
+    assert count > 20
+    assert (total.value, total.raw) == (count, "total")
+    assert first.value is None
+    assert first.time < total.time
