@@ -12,8 +12,7 @@
    nothing is in doubt, and never right after the request that it would properly answer.
 5. If a second, different answer to the last question arrives before the next exchange has ended,
    one of the two is another question's: the first is noted in `contradicted`. That holds only if
-   the first cannot be the answer to the same question asked before, so not after a lost answer, and
-   not if the code was asked twice in a row.
+   no answer to the same question asked before can be on its way, so not after a lost answer.
 6. The time-out follows from the number of bytes, the line format and the response times of reads
    seen on this station, up to `MOST_S`. A write gets longer: storing may be slow, and no manual
    prints how slow (docs/reference/contradictions.md, B-13).
@@ -119,7 +118,7 @@ class Dialogue:
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
         self.contradicted: Contradiction | None = None
-        self.ended: Callable[[], None] = ignore_end
+        self.ended: Callable[[bool], None] = ignore_end
         self._reader = FrameReader()
         # codes of requests whose answers may be on their way, oldest first
         self._doubted: list[str] = []
@@ -224,9 +223,7 @@ class Dialogue:
             self._reader.reset()  # earlier bytes cannot be the answer
         self._has_tail = False
         doubted = self._doubted
-        self._is_only_one = not (
-            question.code in doubted or question.code in self._lost or self._is_repeated(question)
-        )
+        self._is_only_one = question.code not in doubted and question.code not in self._lost
         self._last, self._pending, self._is_clear = self._pending, question.code, not doubted
         doubted.append(question.code)  # until this or a later request is answered
         if len(doubted) > MOST_DOUBTED:
@@ -236,15 +233,6 @@ class Dialogue:
         )
         self._request = request = Ask(question.frame, patience_s)
         return request
-
-    def _is_repeated(self, question: Question) -> bool:
-        """Return True if `question` follows its own answer so soon that another answer to that may
-        still be on its way.
-        """
-        if question.code != self._pending:
-            return False
-        quiet_s = QUIET_S + (self.turnaround_s or 0.0) + question.wire_s
-        return self.now - self.heard < quiet_s
 
     def _count(self, question: Question, heard: IoResult) -> bool:
         """Register the result of a request; return True if too many bytes arrived to accept any
@@ -469,7 +457,7 @@ class Dialogue:
 
     def _note_answer(self, now: float, question: Question, wire_s: float, data: str) -> None:
         """Register a complete answer at `now`. Only reads count for the response time."""
-        self.ended()
+        self.ended(True)
         self.contradicted = None
         self.now = self.heard = now
         self._settled()
@@ -491,8 +479,10 @@ class Dialogue:
 
     def _note_failure(self, question: Question, error: StationError) -> None:
         """Register the end of an exchange without an answer."""
-        self.ended()
-        self._answered = None
+        is_silent = isinstance(error, AnswerTimeout)
+        self.ended(not is_silent)
+        if not is_silent:
+            self._answered = None
         if not isinstance(error, Refusal | AnswerContradicted):
             self._lost.add(question.code)
 
@@ -551,6 +541,8 @@ def _is_other_answer(question: Question, frame: Frame, data: str) -> bool:
     if frame.header != "A" or not frame.text.startswith(question.code):
         return False
     other = frame.text[len(question.code) :]
+    if question.is_short and len(other) == 6 and other[0] in " 0":
+        other = other[1:]  # as `_value` accepts it
     if not other or question.digits not in (None, len(other)):
         return False
     decode = question.command.quantity.decode

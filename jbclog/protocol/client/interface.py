@@ -189,7 +189,7 @@ class Contradiction(NamedTuple):
     heard: float
 
 
-def ignore_end() -> None:
+def ignore_end(_is_answered: bool) -> None:
     """Do nothing at the end of an exchange."""
 
 
@@ -214,8 +214,9 @@ class Client(Protocol):
     it to None. `data`: raw data field of the last answer that has one. `strays` counts frames
     without a request, by kind; `anomalies` accepted deviations from the recommended form. `permit`
     is called before each write. `flow` detects floods: reads raise `LinkFlooded`. `ended` is called
-    when an exchange has ended, answered or not, while `heard` and `data` are still those of the
-    last one: from then on no further answer to that one is looked for. `contradicted` is the last
+    when an exchange has ended, with False if nothing came, while `heard` and `data` are still those
+    of the last one. Once anything has come, no further answer to the last one is looked for.
+    `contradicted` is the last
     accepted answer if another one contradicts it.
     """
 
@@ -230,7 +231,7 @@ class Client(Protocol):
     strays: Counter[str]
     anomalies: Anomalies
     flow: FloodDetector
-    ended: Callable[[], None]
+    ended: Callable[[bool], None]
     contradicted: Contradiction | None
 
     @property

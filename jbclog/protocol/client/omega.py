@@ -129,7 +129,7 @@ class OmegaStation:
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
         self.contradicted: Contradiction | None = None
-        self.ended: Callable[[], None] = ignore_end
+        self.ended: Callable[[bool], None] = ignore_end
         self.completions: list[Completion] = []
         self.without_digit: set[str] = set()  # letters of answers that came without their digit
         self._reader = OmegaReader()
@@ -338,8 +338,10 @@ class OmegaStation:
                 return
             heard = yield Listen(until)
             self.flow.came(heard.now, len(heard.data))
-        self.ended()
-        self._last_read = None
+        is_silent = isinstance(unanswered, AnswerTimeout)
+        self.ended(not is_silent)
+        if not is_silent:
+            self._last_read = None
         self._lost.add(question.letter)
         self.now = heard.now
         self._reader.reset()
@@ -390,9 +392,9 @@ class OmegaStation:
         """Clear earlier doubts: answers come in order, so none to an earlier request is on its
         way.
         """
-        self.ended()
+        self.ended(True)
         self.contradicted = None
-        is_only_one = question.letter != self._last and question.letter not in self._lost
+        is_only_one = question.letter not in self._lost
         self._last_read = question if is_read and is_only_one else None
         self._lost.discard(question.letter)
         if is_read:

@@ -104,7 +104,6 @@ class Station(Dialogue):
         if (
             self._doubted
             or self._lost
-            or question.code == self._pending
             or question.is_short
             or seen is None
             or seen > FAST_S
@@ -132,7 +131,7 @@ class Station(Dialogue):
             return self._unusual_value(question, heard)
         # `_count` and `_note_answer`, for a plain answer, when none to an earlier request can be on
         # its way
-        self.ended()
+        self.ended(True)
         self.contradicted = None
         self.exchanges += 1
         flow.in_order += question.answer_length

@@ -5,7 +5,7 @@ value are read again before they are accepted (`readings.py`).
 
 An answer may be an old one that the link repeats directly before the true one. So it counts, for
 alarms, tools, counters and everything else that the session concludes from it, once the next
-exchange has ended, or `HELD_S` after it. If the client has met another answer to the same question
+exchange has ended with an answer, or `HELD_S` after it. If the client has met another answer to the same question
 by then, the value is withdrawn. Rows are written in their order, each once all its values count.
 """
 
@@ -276,16 +276,20 @@ class Scanner:
 
     @property
     def held_until(self) -> float | None:
-        """When the rows that wait have to be handed over (monotonic seconds); None if none
-        waits.
-        """
-        if not self.finished or self._last is None:
+        """When the last answer has to count (monotonic seconds); None if it does already."""
+        if self._last is None:
             return None
         heard_at = self._last.probe.look.heard_at
         return None if heard_at is None else heard_at + HELD_S
 
-    def _end_exchange(self) -> None:
-        """Hand over within the client, which has to finish its exchange whatever that raises."""
+    def _end_exchange(self, is_answered: bool) -> None:  # positional: the client calls it
+        """Hand over within the client, which has to finish its exchange whatever that raises.
+
+        If nothing came, the true answer to the question before may be late as well.
+        """
+        held_until = self.held_until
+        if not is_answered and held_until is not None and self._station.now < held_until:
+            return
         try:
             self.hand_over()
         except Exception as error:
