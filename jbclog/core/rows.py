@@ -77,6 +77,7 @@ QUALITIES: Final = (
     "nak",
     "implausible",
     "contradicted",
+    "pulled",
     "no_tool",
     "skipped",
     "ok",

@@ -71,6 +71,8 @@ class PortState:
     status: tuple[int, ...] | None = None
     has_suction: bool | None = None  # the hundreds digit of the status, confirmed by two answers
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
+    temperature_at: float | None = None  # when that of the tip was read
+    pulled_c: int | None = None  # last reading that no tip can have cooled to, since that
     hottest_c: int | None = None  # since the last reading of the alarm flags, while alarms count
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted since the last reading of the flags

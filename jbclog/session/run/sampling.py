@@ -16,6 +16,7 @@ from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingOutcome, Severity
 from jbclog.protocol.client.dialogue import LEAST_S
 from jbclog.protocol.commands.command import Scope
+from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext
@@ -127,7 +128,7 @@ class Sampler:
         }
         context.count_readings = self._count_readings
         self._scans = {
-            number: PortScan(port, self._fast_of(number), alarms[number])
+            number: PortScan(port, self._fast_of(number), alarms[number], self._needs_tool(number))
             for number, port in context.ports.items()
         }
 
@@ -169,6 +170,13 @@ class Sampler:
             probe
             for probe in self._probes.values()
             if probe.reading.period_s is None and probe.reading.port == port
+        ]
+
+    def _needs_tool(self, port: int) -> list[SignalRead]:
+        return [
+            probe
+            for (name, number), probe in self._probes.items()
+            if number == port and name in NEEDS_A_TOOL
         ]
 
     def is_over(self, tick: int) -> bool:

@@ -5,8 +5,9 @@ value are read again before they are accepted (`readings.py`).
 
 An answer may be an old one that the link repeats directly before the true one. So it counts, for
 alarms, tools, counters and everything else that the session concludes from it, once the next
-exchange has ended with an answer, or `HELD_S` after it. If the client has met another answer to the same question
-by then, the value is withdrawn. Rows are written in their order, each once all its values count.
+exchange has ended with an answer, or `HELD_S` after it. If the client has met another answer to the
+same question by then, the value is withdrawn. Rows are written in their order, each once all its
+values count.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, Severity, qualit
 from jbclog.core.text import count_text
 from jbclog.protocol.client.interface import Contradiction, PreparedRead
 from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import NEEDS_A_TOOL, Family
+from jbclog.protocol.commands.family import NEEDS_A_TOOL, NO_TOOL, Family
 from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
@@ -41,8 +42,10 @@ from jbclog.session.run.counters import counter_row
 from jbclog.session.run.identity import expect_identity, expect_same, expect_still_same
 from jbclog.session.run.readings import (
     NO_DIGIT,
+    PULLED,
     SecondLook,
     doubt_of,
+    fell_too_fast,
     may_be_unusable,
     possible_of,
     unusable,
@@ -58,7 +61,7 @@ CONTRADICTED = AnswerContradicted.reason
 HELD_S = 0.25  # a row waits no longer than this for another answer to its last question
 EXPECTED = frozenset(  # reported by other events, or not at all
     {
-        "no_tool",
+        NO_TOOL,
         "no_thermocouple",
         "not_counting",
         NO_DIGIT,
@@ -174,7 +177,8 @@ class SignalRead:
     place: int | None  # of its first column
     may_be_unusable: bool
     dates_row: bool  # the row has the time of its answer
-    shows_tool: bool  # it tells whether the port has a tool
+    shows_tool: bool  # shows whether the port has a tool
+    is_tip: bool  # the temperature of a tip, which cools only so fast
     expect: Expect | None = None
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
@@ -202,6 +206,7 @@ class SignalRead:
             is_doubtful,
             name == "temperature_c",
             name in ("tool", "port_error"),
+            name == "temperature_c" and context.family.hot_part == "tip",
             _expectation(context, reading),
         )
 
@@ -240,6 +245,7 @@ class PortScan:
     port: PortState
     fast: list[SignalRead]
     alarms: AlarmWatch
+    needs_tool: list[SignalRead]  # has no meaning without one
     row: SampleRow = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
     first_sent: float | None = None
@@ -270,7 +276,7 @@ class Scanner:
         self._name = context.name
         self._last: LastAnswer | None = None
         # rows with their reasons that wait for the last answer to count
-        self.finished: list[tuple[SampleRow, dict[str, str]]] = []
+        self.finished: list[tuple[PortScan, SampleRow, dict[str, str]]] = []
         self._contradicted = 0  # withdrawn values
         self.failure: Exception | None = None  # raised by what an answer means; not raised yet
 
@@ -372,9 +378,23 @@ class Scanner:
         )
         self._context.note("read.contradicted", Severity.WARNING, text, value=count, raw="total")
 
+    def _void(self, scan: PortScan, row: SampleRow, reasons: dict[str, str]) -> None:
+        """Remove from a row what has no meaning because its last readings show no tool."""
+        for probe in scan.needs_tool:
+            (column,) = probe.reading.columns
+            if reasons.get(column) == PULLED:
+                probe.missed[PULLED] -= 1
+            elif row[COLUMN[column]] is None:
+                continue
+            row[COLUMN[column]] = None
+            reasons[column] = NO_TOOL
+            probe.missed[NO_TOOL] = probe.missed.get(NO_TOOL, 0) + 1
+
     def _write_rows(self) -> None:
         finished, self.finished = self.finished, []
-        for row, reasons in finished:
+        for scan, row, reasons in finished:
+            if is_no_tool(self._context, scan.port):
+                self._void(scan, row, reasons)
             row[_QUALITY] = quality_of(reasons) if reasons else "ok"
             if reasons:
                 row[_REASONS] = reasons_text(reasons)
@@ -482,7 +502,7 @@ class Scanner:
         if probe.dates_row:
             scan.temperature_at = scan.last_heard
         try:
-            if scan.no_tool or probe.may_be_unusable:
+            if scan.no_tool or probe.may_be_unusable or probe.is_tip:
                 why = self._why_unusable(probe, scan, value)
                 if why is not None:
                     self._leave_empty(probe, scan, value, why)
@@ -498,12 +518,16 @@ class Scanner:
 
     def _leave_empty(self, probe: SignalRead, scan: PortScan, value: Value, why: str) -> None:
         self.unread(probe, scan, why)
+        if why == PULLED and isinstance(value, int):
+            probe.port.pulled_c = value
         if probe.reading.name == "delay_s":
             note_zero_countdown(self._context, probe.port, value)
 
     def _why_unusable(self, probe: SignalRead, scan: PortScan, value: Value) -> str | None:
         if scan.no_tool and probe.reading.name in NEEDS_A_TOOL:
-            return "no_tool"
+            return NO_TOOL
+        if probe.is_tip and fell_too_fast(probe.port, value, self._station.heard):
+            return PULLED
         return (
             unusable(probe.reading, value, scan.port, self._context)
             if probe.may_be_unusable
@@ -572,7 +596,7 @@ class Scanner:
                 row[_LATE] = round((first - due) * 1e6)
             if last is not None:
                 row[_SCAN] = round((last - first) * 1e6)
-        self.finished.append((row, reasons))
+        self.finished.append((scan, row, reasons))
         if self._last is None:
             self._write_rows()
 
@@ -588,6 +612,7 @@ def _sentence(probe: SignalRead, why: str) -> str:
         "timeout": "no answer came in time",
         "bcc": "the check byte of every answer was wrong",
         "format": "the reply does not fit the question",
+        PULLED: "it fell faster than any tip cools, as when the tool is pulled out of its port",
         "implausible": "the value is impossible, or changed when it was read again",
     }
     refused = f"the station refused it ({why})" if why.startswith("nak") else why

@@ -29,6 +29,7 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
         port.at_temperature = arrives(context, port, value)
         _note_above(context, port, value)
     port.temperatures_c["temperature_c"] = value
+    port.temperature_at, port.pulled_c = context.now, None
     if counts(context, port):
         if port.hottest_c is None or value > port.hottest_c:
             port.hottest_c = value

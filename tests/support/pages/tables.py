@@ -123,7 +123,8 @@ QUALITY: Mapping[str, str] = {
     "nak": "refused; `reasons` has the number (`nak3`)",
     "implausible": "an impossible value, or another value when read again",
     "contradicted": "another answer to the same question came, and differed",
-    "no_tool": "no tool in the port",
+    "pulled": "the tip temperature fell faster than any tip cools: its tool is pulled out",
+    "no_tool": "no tool in the port, as this row or one before shows",
     "skipped": "the tick was too late",
     "ok": "every due value was read",
 }
