@@ -255,13 +255,16 @@ class PortWatch:
     ) -> list[Report]:
         elapsed_s = since_s if 0 < since_s <= self._gap_s else 0.0
         before_us = self._us if self._has_read else time_us
+        unread_us = time_us - before_us if since_s > self._gap_s else 0
         reports = []
         for machine in self._machines:
             if counts and machine.definition is not None:
                 condition, reason = machine.definition.condition(value), RETURNED
             else:
                 condition, reason = Condition.NOT_COUNTED, self._end_reason(counts=counts)
-            report = machine.step(condition, elapsed_s, before_us, time_us, value, reason)
+            report = machine.step(
+                condition, elapsed_s, before_us, time_us, value, reason, unread_us
+            )
             if report is not None:
                 reports.append(report)
         return reports
