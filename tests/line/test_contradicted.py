@@ -14,14 +14,17 @@ from random import Random
 import pytest
 
 from jbclog.core.io_requests import Steps
-from jbclog.core.rows import COLUMN, StationFacts
+from jbclog.core.rows import COLUMN, SampleRow, StationFacts
 from jbclog.session.run.context import StationTask
+from jbclog.session.run.scan import HELD_S
 from jbclog.transport.virtual import Peer
 from support.oracles.account import assert_account_holds, counted, wrong_values
-from support.virtual.virtual_run import VirtualRun, line_text, prepare
+from support.virtual.lines import fault
+from support.virtual.virtual_run import Memory, VirtualRun, line_text, prepare
 
 BEGUN_S = 5.0  # the start is over
 BYTE_S = 10 / 19200
+LONGEST_S = 1.5  # of readings that are asked for again
 NEAR_S = 0.12  # less than a scan without pause
 NOISY = "noise_c = 3.0"  # so that hardly any reading equals an earlier one
 
@@ -139,6 +142,36 @@ def test_a_clean_link_loses_nothing(way: str) -> None:
     reasons = {reason for count in counted(run).values() for reason in count}
     assert "contradicted" not in reasons
     assert run.memory.of_kind("read.contradicted") == []
+
+
+FAULTS = {
+    "good": "",
+    "silent": fault("silence", at_s=BEGUN_S, every=7),
+    "hanging": fault("late", at_s=BEGUN_S, by_s=0.6, every=11),
+}
+
+
+@pytest.mark.parametrize("link", FAULTS)
+@pytest.mark.parametrize("rate", [0.5, 2.0, 5.0, 10.0])
+def test_a_row_waits_a_quarter_of_a_second_at_most(
+    rate: float, link: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waited_s: list[float] = []
+    run = prepare(line_text(FAULTS[link]), duration_s=30.0, rate=rate)
+    keep = Memory.sample
+
+    def sample(memory: Memory, row: SampleRow) -> None:
+        keep(memory, row)
+        late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
+        if isinstance(late, int) and isinstance(scan, int):
+            answered = run.t0 + int(str(row[COLUMN["tick"]])) / rate + (late + scan) / 1e6
+            waited_s.append(run.driver.clock.monotonic() - answered)
+
+    monkeypatch.setattr(Memory, "sample", sample)
+    run.go()
+    assert len(waited_s) > 5
+    # a row also waits for those before it, and for the end of its tick
+    assert max(waited_s) < HELD_S + (0.05 if link == "good" else LONGEST_S)
 
 
 def test_it_is_counted_and_reported_once_and_at_the_end() -> None:

@@ -111,7 +111,7 @@ def _share_of(command: Command, context: SessionContext) -> Possible:
     return possible
 
 
-# While a tool is pulled out of its port, the station goes on for some readings with 0 °C, 0 ‰ and
+# While a tool is pulled out of its port, the station continues for some readings with 0 °C, 0 ‰ and
 # status working, before its port error says so. The temperature is no tip's: no tip cools that
 # fast. The limit is that of a tip that loses its heat to surroundings of `COLDEST_C` with a time
 # constant of `FASTEST_S`, for the time since the last reading and `SHOWN_S` more.

@@ -597,7 +597,8 @@ class Scanner:
             if last is not None:
                 row[_SCAN] = round((last - first) * 1e6)
         self.finished.append((scan, row, reasons))
-        if self._last is None:
+        last = self._last
+        if last is None or all(waiting is not last.row for _, waiting, _ in self.finished):
             self._write_rows()
 
 
