@@ -16,8 +16,10 @@ import pytest
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, SampleRow, StationFacts
 from jbclog.session.run.context import StationTask
+from jbclog.session.run.sampling import FINISH_S
 from jbclog.session.run.scan import HELD_S
 from jbclog.transport.virtual import Peer
+from support.golden import framed
 from support.oracles.account import assert_account_holds, counted, wrong_values
 from support.virtual.lines import fault
 from support.virtual.virtual_run import Memory, VirtualRun, line_text, prepare
@@ -78,7 +80,7 @@ def repeated(
     rate: float | None = None,
     duration_s: float = 40.0,
     seed: int = 1,
-    keys: str = "",
+    end_s: float | None = None,
 ) -> tuple[VirtualRun, Repeating]:
     cables: list[Repeating] = []
 
@@ -89,11 +91,13 @@ def repeated(
         return session, cables[0]
 
     run = prepare(
-        line_text(f"seed = {seed}\n{NOISY}", keys=keys),
+        line_text(f"seed = {seed}\n{NOISY}"),
         duration_s=duration_s,
         rate=rate,
         pulled=pulled,
     )
+    if end_s is not None:
+        run.at(end_s, lambda: run.driver.end("stopped"))
     return run.go(), cables[0]
 
 
@@ -187,3 +191,74 @@ def test_it_is_counted_and_reported_once_and_at_the_end() -> None:
     assert (total.value, total.raw) == (count, "total")
     assert first.value is None
     assert first.time < total.time
+
+
+class OneOld:
+    """A cable that sends `old` before the answer to `question`, once."""
+
+    def __init__(self, cable: Peer, question: str, old: str) -> None:
+        self._cable = cable
+        self._question = question.encode()
+        self._old = framed(old, "0100")
+        self._began: float | None = None
+        self._is_sent = False
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        self._began = now if self._began is None else self._began
+        replies = self._cable.receive(data, now)
+        if self._is_sent or now < self._began + BEGUN_S or data[5:-2] != self._question:
+            return replies
+        self._is_sent = True
+        return [(replies[0][0] - 1e-4, self._old), *replies]
+
+    def is_unplugged(self, now: float) -> bool:
+        return self._cable.is_unplugged(now)
+
+
+def with_one_old(question: str, old: str) -> VirtualRun:
+    return prepare(
+        line_text(keys="ports = [1]"),
+        duration_s=20.0,
+        pulled=lambda _order, session, cable: (session, OneOld(cable, question, old)),
+    ).go()
+
+
+@pytest.mark.parametrize("flags", ["00001", "00010", "00011"])
+def test_old_alarm_flags_raise_no_alarm(flags: str) -> None:
+    """Flags are read once, so nothing else would catch it."""
+    run = with_one_old("RTA1", f"ATA1{flags}")
+    assert [event.text for event in run.memory.of_kind("alarm.unknown")] == [
+        "Port 1: the answer to the alarm flags was lost (contradicted); whether an alarm was raised"
+        " is not known."
+    ]
+    assert run.facts.alarms == run.facts.unconfirmed_alarms == 0
+    assert {kind for kind in run.memory.kinds() if kind.startswith("alarm.")} <= {
+        "alarm.unknown",
+        "alarm.low.not_working",
+        "alarm.low.ended",
+    }
+    assert_account_holds(run)
+
+
+@pytest.mark.parametrize(
+    ("question", "old"),
+    [("RCT1", "ACT100000"), ("RPE1", "APE100004"), ("RST1", "AST100300"), ("RPS1", "APS100001")],
+)
+def test_an_old_tool_error_setpoint_or_status_changes_nothing(question: str, old: str) -> None:
+    run = with_one_old(question, old)
+    kinds = set(run.memory.kinds())
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert not kinds & {"tool.changed", "port.state", "port.error", "setting.changed"}
+    assert "no_tool" not in {reason for row in counted(run).values() for reason in row}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_last_row_of_a_run_that_is_ended_waits_as_well(seed: int) -> None:
+    """The tools do not: their order is sent at once."""
+    end_s = 8.0 + 0.013 * seed
+    run, _ = repeated(1.0, seed=seed, end_s=end_s)
+    assert wrong_values(run) == []
+    assert wrong_temperatures(run) == []
+    assert_account_holds(run)
+    order = next(one for one in run.writes if one.at > run.t0 + end_s)
+    assert order.at - run.t0 - end_s < FINISH_S + 0.1
