@@ -72,8 +72,8 @@ class Arrival:
         self._above: tuple[float, float] | None = None
 
     def reset(self) -> None:
-        """Start again after a tool change."""
-        self.has_arrived, self._above = False, None
+        """Start again after a tool change: the last temperature was another tool's."""
+        self.has_arrived, self._above, self.previous_c = False, None, None
 
     def see(self, seconds: float, value: float, setpoint: float | None, *, works: bool) -> None:
         """Add a reading in °C at `seconds`."""

@@ -71,7 +71,8 @@ class PortState:
     status: tuple[int, ...] | None = None
     has_suction: bool | None = None  # the hundreds digit of the status, confirmed by two answers
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
-    temperature_at: float | None = None  # when that of the tip was read
+    # when the last one of tip or air was read; None if another tool was in the port then
+    temperature_at: float | None = None
     pulled_c: int | None = None  # last reading that no tip can have cooled to, since that
     hottest_c: int | None = None  # since the last reading of the alarm flags, while alarms count
     coolest_c: int | None = None
