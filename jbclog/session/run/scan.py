@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from jbclog.core.errors import (
     AnswerContradicted,
@@ -56,6 +57,7 @@ from jbclog.session.run.watch import OBSERVERS, Observe, is_no_tool, would_chang
 from jbclog.session.scheduler import ScheduledRead
 
 WIDTH = len(SAMPLE_COLUMNS)
+_new = tuple.__new__
 SKIPPED = "skipped"
 CONTRADICTED = AnswerContradicted.reason
 HELD_S = 0.25  # a row waits no longer than this for another answer to its last question
@@ -254,8 +256,7 @@ class PortScan:
     no_tool: bool = False
 
 
-@dataclass(slots=True)
-class LastAnswer:
+class LastAnswer(NamedTuple):
     """An answer that does not count yet: its value, and the row that has it."""
 
     probe: SignalRead
@@ -263,7 +264,6 @@ class LastAnswer:
     scan: PortScan
     row: SampleRow
     reasons: dict[str, str]
-    is_observed: bool = False  # the session has acted on it
 
 
 class Scanner:
@@ -275,6 +275,7 @@ class Scanner:
         self._station.ended = self._end_exchange
         self._name = context.name
         self._last: LastAnswer | None = None
+        self._has_acted = False  # on the last answer, before it counts
         # rows with their reasons that wait for the last answer to count
         self.finished: list[tuple[PortScan, SampleRow, dict[str, str]]] = []
         self._contradicted = 0  # withdrawn values
@@ -293,8 +294,9 @@ class Scanner:
 
         If nothing came, the true answer to the question before may be late as well.
         """
-        held_until = self.held_until
-        if not is_answered and held_until is not None and self._station.now < held_until:
+        if self._last is None:
+            return
+        if not is_answered and self._station.now < (self.held_until or 0.0):
             return
         try:
             self.hand_over()
@@ -310,16 +312,19 @@ class Scanner:
     def hand_over(self) -> None:
         """Let the last answer count, or withdraw it, and write the rows that wait for it."""
         last, self._last = self._last, None
+        if last is None:
+            return
+        probe, contradicted = last.probe, self._station.contradicted
+        context = self._context
+        context.answered_at = probe.look.heard_at
         try:
-            if last is not None:
-                self._context.answered_at = last.probe.look.heard_at
-                contradicted = self._station.contradicted
-                if contradicted is None or not _is_same(contradicted, last.probe):
-                    self._observe(last)
-                elif last.probe.place is not None or not last.is_observed:
-                    self._withdraw(last)
+            if contradicted is not None and _is_same(contradicted, probe):
+                self._withdraw(last)
+            elif probe.observe is not None and not self._has_acted:
+                self._observe(last)
         finally:
-            self._context.answered_at = None
+            context.answered_at = None
+            self._has_acted = False
             if self.finished:
                 self._write_rows()
 
@@ -327,15 +332,14 @@ class Scanner:
         """Act on the last answer although it may be contradicted yet: hot tools do not wait for
         that, only its row does.
         """
-        if self._last is not None:
+        if self._last is not None and self._last.probe.observe is not None:
+            self._has_acted = True
             self._observe(self._last)
         self.raise_failure()
 
     def _observe(self, last: LastAnswer) -> None:
         probe = last.probe
-        if probe.observe is None or last.is_observed:
-            return
-        last.is_observed = True
+        assert probe.observe is not None
         try:
             probe.observe(self._context, probe.port, last.value)
         except Exception:  # a bug: without a value in the row it does not count as read
@@ -346,11 +350,11 @@ class Scanner:
 
     def _withdraw(self, last: LastAnswer) -> None:
         probe = last.probe
+        if probe.place is None and self._has_acted:
+            return  # it has no row that could take it back
         for column in probe.reading.columns:
             last.row[COLUMN[column]] = None
-        self._account(
-            probe, CONTRADICTED, last.reasons, last.scan.alarms, sent=not last.is_observed
-        )
+        self._account(probe, CONTRADICTED, last.reasons, last.scan.alarms, sent=not self._has_acted)
 
     def _count_contradicted(self, probe: SignalRead) -> None:
         self._contradicted += 1
@@ -510,7 +514,8 @@ class Scanner:
             probe.failing, probe.is_known = False, True
             if probe.fill is not None:
                 probe.fill(scan.row, value)
-            self._last = LastAnswer(probe, value, scan, scan.row, scan.reasons)
+            # the same as `LastAnswer(...)`, at half its cost
+            self._last = _new(LastAnswer, (probe, value, scan, scan.row, scan.reasons))
         # a bug: without a value in the row it does not count as read
         except Exception:
             probe.due -= probe.place is None or scan.row[probe.place] is None
@@ -597,8 +602,8 @@ class Scanner:
             if last is not None:
                 row[_SCAN] = round((last - first) * 1e6)
         self.finished.append((scan, row, reasons))
-        last = self._last
-        if last is None or all(waiting is not last.row for _, waiting, _ in self.finished):
+        answer = self._last
+        if answer is None or all(waiting is not answer.row for _, waiting, _ in self.finished):
             self._write_rows()
 
 
