@@ -125,7 +125,7 @@ class Dialogue:
         self._is_clear = True  # nothing was in doubt when the pending request was sent
         # only the pending request can be answered with its code
         self._is_only_one = True
-        self._lost: set[str] = set()  # codes of reads whose last request got no answer
+        self._lost: set[str] = set()  # codes whose last request got no answer
         # the last answered read, while another answer to it contradicts the first
         self._answered: Question | None = None
         self._has_tail = False  # the reader holds what may be the beginning of that
