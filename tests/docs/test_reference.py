@@ -147,7 +147,7 @@ SETTINGS = set(COMMAND_OF)
 NO_KINDS = {"guard.lock"}
 ENDS_OF_FILES = {"html", "json", "jsonl", "parquet", "pdf", "toml", "txt", "typ"}
 PATTERNS = {
-    "read": ("timeout", "bcc", "format", "implausible"),
+    "read": ("timeout", "bcc", "format", "implausible", "pulled"),
     "alarm": ("high", "low"),
     "station": ("completed", "stopped", "refused", "gone", "not_started", "left_out", "failed"),
     "alarm.episode": tuple(one.value for one in Transition),
