@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
+from jbclog.app.run.identities import Identities
 from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
@@ -94,11 +95,12 @@ class Recorder:
             self._clock,
             self._on_record_failure,
             seal_every_s,
-            on_facts=self._guarding.update,
+            on_facts=self._update_guard,
             folder=folder,
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
+        self._identities = Identities(plan.line, self._contexts)
         self._reactor = Reactor(
             allow_missing=plan.starts_without_missing, report=self._note_failed_look
         )
@@ -201,7 +203,7 @@ class Recorder:
         for look, what in self._looks():
             every(LOOK_EVERY_S, look, what)
         every(LOOK_AT_PORTS_EVERY_S, self._sharers.look, "Look for other programs on the ports")
-        every(RENEW_S, self._guarding.renew, "Sign of life to the guard")
+        every(RENEW_S, self._renew_guard, "Sign of life to the guard")
         if self._units is not None:
             every(LOOK_FOR_UNITS_S, self._look_for_units, "Look for serials of units")
         try:
@@ -214,6 +216,18 @@ class Recorder:
         finally:
             gc.unfreeze()
         return None
+
+    def _update_guard(self, facts: StationFacts) -> None:
+        self._guarding.update(facts)
+        if facts.touched and facts.name not in self._identities:  # later proofs go with the beat
+            self._send_identities()
+
+    def _renew_guard(self) -> None:
+        self._send_identities()
+        self._guarding.renew()
+
+    def _send_identities(self) -> None:
+        self._guarding.identify(self._identities.families(), self._identities.proofs())
 
     def _have_guard_take_over(self) -> None:
         """Let the guard make the tools safe, as sessions may be unfinished; its actions become
@@ -228,7 +242,9 @@ class Recorder:
         order = context.order
 
         def opened() -> Port:
-            return open_port(order.url, order.line)
+            port = open_port(order.url, order.line)
+            self._identities.note_opened(order.name, port)
+            return port
 
         if self._wires is None:
             self._reactor.add(run_station(context), opened, order.name)

@@ -128,6 +128,7 @@ class SessionContext:
         self.not_supported: set[str] = set()
         self.step = EXAMINED  # current step of the start
         self.has_started = False
+        self.has_ordered_status = False  # of any tool; earlier readings may no longer hold
         self.written: list[str] = []  # settings changed at the start, with their previous values
         self.tries = 1  # of decisive reads; more during the start
         self.feeder_touched = False
@@ -145,7 +146,8 @@ class SessionContext:
         self.link_is_faster: str | None = None  # than its stated line format, in words
         # by port, with the time of the reading
         self.plugged_hours: dict[int, tuple[int, float]] = {}
-        self.identity_at: dict[str, float] = {}  # when model and software were last confirmed
+        # when model and software were last confirmed; empty after signs of another station
+        self.identity_at: dict[str, float] = {}
         self.is_flooded = False  # its link is flooded, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood
