@@ -38,6 +38,7 @@ ALREADY = {
 def safe(
     ctx: typer.Context,
     line: Path = options.LINE,
+    out: Path = options.OUT,
     wait: bool = typer.Option(
         False, "--wait", help="Wait until every tool is below --below, 30 min at most."
     ),
@@ -61,9 +62,11 @@ def safe(
 
     Ends a run that holds the line, by force after 3 s; a guard at work on it tries again first.
     Then stops the feeders, sets each tool to its safe state and reads it back; leaves a resting
-    tool as it is. Safe is not cold: prints each tool's temperature and when it goes to sleep. With
-    --unanswered, asks once whether to order the stations that do not answer. Exit code 5: a tool
-    is not confirmed safe; 1: with --wait, a tool is not known to be below the limit after 30 min.
+    tool as it is. Notes that in runs that left these tools hot: those below --out, and those in
+    this user's list. Safe is not cold: prints each tool's temperature and when it goes to sleep.
+    With --unanswered, asks once whether to order the stations that do not answer. Exit code 5: a
+    tool is not confirmed safe; 1: with --wait, a tool is not known to be below the limit after
+    30 min.
 
     \b
     Example:
@@ -96,7 +99,7 @@ def safe(
         make_line_safe(loaded, done, access, guards)
         if unanswered:
             _insist(loaded, stations, guards, access, as_json=as_json)
-        for folder in close_leases(stations):
+        for folder in close_leases(stations, out):
             note(f"run {folder} left tools hot; noted in its record")
     finally:
         guards.close()

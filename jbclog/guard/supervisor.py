@@ -46,7 +46,6 @@ UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that does no
 PIPE_SIZE: Final = 1 << 20
 ANSWERED_EVERY_S: Final = 1.0  # a later answer of a station is sent after this time
 ANSWERED_AT_ONCE: Final = 32  # stations in a line, so that it is written whole or not at all
-REPLACED_AT_MOST: Final = 20  # whatever kills 20 guards kills more
 UNGUARDED: Final = "if this recorder dies, the tools stay hot"
 
 Report = Callable[[str, str], None]
@@ -138,7 +137,6 @@ class GuardSupervisor:
         self._leases: dict[str, StationLease] = {}
         self._families: tuple[str, ...] = ()
         self._proofs: dict[str, Proof] = {}
-        self._replaced = 0
         self._is_handed_over = False  # the guard owns the lease file from then on
         self._guard: GuardProcess | None = begun or GuardProcess(folder)
         self._guard.await_ready()
@@ -190,23 +188,14 @@ class GuardSupervisor:
 
     def _replace(self, lost: GuardLost) -> None:
         former, self._guard = self._guard, None
-        if self._replaced >= REPLACED_AT_MOST:
-            self._report(
-                "guard.lost", f"The guard was lost and is not replaced ({lost}); {UNGUARDED}."
-            )
-        else:
-            self._start_next(lost, former)
-        if former is not None:
-            former.kill()
-
-    def _start_next(self, lost: GuardLost, former: GuardProcess | None) -> None:
-        self._replaced += 1
         self._report("guard.lost", f"The guard was lost ({lost}) and is being replaced.")
         try:
             self._guard = GuardProcess(self._folder, self._leases.values(), former)
             self._guard.identify(self._families, self._proofs)
         except (GuardLost, StartRefused) as error:
             self._report("guard.lost", f"The guard could not be replaced ({error}); {UNGUARDED}.")
+        if former is not None:
+            former.kill()
 
 
 class GuardProcess:
