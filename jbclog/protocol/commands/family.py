@@ -192,14 +192,16 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 robot.TOOLS_000,
                 defaults=OLD_DEFAULTS,
                 note=(
-                    "Its manual prints one model name, DDR; the others are inferred from it and"
-                    " from the newer units' names."
+                    "Its manual prints one model name, DDR; DIR, CDR, NAR and DMR are inferred from"
+                    " it and from the newer units' names, and are in no public source. A DDR has"
+                    " two ports and an HDR one (USB sources); which ports there are, R-CT decides."
                 ),
                 manual="000",
             ),
             _bench("dde", "DDE 2-tool control unit", (1, 2)),
             _bench("nae", "NAE 2-tool nano control unit", (1, 2)),
             _bench("dme", "DME 4-tool control unit", (1, 2, 3, 4)),
+            # one port by USB sources (docs/reference/manuals.md); no manual prints it: R-CT decides
             _bench("hde", "HDE heavy-duty control unit", None),
             Family(
                 "ucr",
