@@ -123,7 +123,7 @@ def main() -> None:
         raise SystemExit(_code_with_output(end.code)) from None
 
 
-def _code_with_output(code: object) -> object:
+def _code_with_output(code: str | int | None) -> str | int | None:
     """Return the exit code; `Exit.OUTPUT` where it said that all is well, or what was found, and
     stdout could not be written.
     """
