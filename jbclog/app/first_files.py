@@ -1,6 +1,4 @@
-"""A first line file and its recipes, from user input or the result of a scan, and the recipe for a
-first run on virtual stations. Opens no port.
-"""
+"""A first line file and its recipes, from user input or the result of a scan. Opens nothing."""
 
 from __future__ import annotations
 
@@ -10,7 +8,6 @@ from typing import Final, NamedTuple
 
 from jbclog.config.line import Described, StationTable, line_text, parse_line
 from jbclog.config.load_recipe import parse_recipe
-from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 
 LINE: Final = "line.toml"
@@ -18,29 +15,6 @@ HEADING: Final = (
     "Written by jbclog init. One [[station]] for each station; more keys stand in the"
     " documentation, Files and keys."
 )
-
-
-FIRST_DURATION: Final = "3m"
-"""Long enough for the limits of the recipes in `profiles/recipes` on resting tips, which need some
-rest before they are known.
-"""
-
-
-def fitting_recipe(line: Path, served: Path) -> Path | None:
-    """Return the first recipe in the folders `recipes` beside LINE or its folder that a run of the
-    line file `served` takes; None if there is none. Opens no port.
-    """
-    from jbclog.app.run.options import RunOptions
-    from jbclog.app.run.plan import make_plan
-
-    for folder in (line.parent / "recipes", line.parent.parent / "recipes"):
-        for recipe in sorted(folder.glob("*.toml")):
-            try:
-                make_plan(RunOptions(served, recipe))
-            except UsageError:
-                continue
-            return recipe
-    return None
 
 
 class Kind(NamedTuple):

@@ -56,7 +56,7 @@ def sim(
 
 def _first_run(line: Path, served: Path) -> list[str]:
     """Return the command that records the served line to an accepted run."""
-    from jbclog.app.first_files import FIRST_DURATION, fitting_recipe
+    from jbclog.app.run.first_run import FIRST_DURATION, fitting_recipe
     from jbclog.config.line import load_line
 
     stations = load_line(served).stations

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.app.first_files import FIRST_DURATION, fitting_recipe
+from jbclog.app.run.first_run import FIRST_DURATION, fitting_recipe
 from jbclog.app.run.options import RunOptions
 from jbclog.app.run.plan import Plan, make_plan
 from jbclog.config.durations import span_s

@@ -35,7 +35,7 @@ class StationTask:
     link's time in reserve), ``fit`` (the recipe's, or the best that fits), or ``max`` (without
     pause); None for the recipe's. `is_replay`: the station is a recorded one, sampled at its rate
     even if the host cannot keep up. `t0` is the run's zero on the monotonic clock; `duration_s` is
-    None for a run without a stated end.
+    None for a run without a stated end. `sharers` says which other programs have the port open.
     """
 
     name: str
@@ -57,6 +57,7 @@ class StationTask:
     model: str | None = None
     # number of the first tick, and seconds until it is due once everything is read
     begin: tuple[int, float] | None = None
+    sharers: Callable[[], str] = lambda: ""
 
 
 @dataclass(slots=True)

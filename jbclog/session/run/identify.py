@@ -97,8 +97,10 @@ def _no_answer(context: SessionContext, error: StationError, tries: int) -> str:
     order, is_robot = context.order, not context.family_known or context.family.protocol == ROBOT
     mode = "Robot mode is switched on in its menu, " if is_robot else ""
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
+    sharers = order.sharers()
+    first = f"{sharers}; " if sharers else ""
     return (
-        f"{context.name}: no usable answer on {order.url} at {order.line.baudrate}"
+        f"{context.name}: {first}no usable answer on {order.url} at {order.line.baudrate}"
         f" {order.line.format}, {addressing} ({error}, in {tries}"
         f" {'try' if tries == 1 else 'tries'}); check that the station is on, {mode}the cable, and"
         " the line format; `jbclog doctor --line` looks for the reason"
