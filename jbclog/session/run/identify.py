@@ -24,7 +24,7 @@ from jbclog.protocol.commands.family import (
     other_model_text,
     unknown_model_text,
 )
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import Identity, PortState, SessionContext
 from jbclog.session.run.identity import learn_identity
 from jbclog.session.run.link_loss import report_flood
 
@@ -109,6 +109,7 @@ def _no_answer(context: SessionContext, error: StationError, tries: int) -> str:
 
 def _learn_family(context: SessionContext) -> Steps[None]:
     model = context.facts.model or ""
+    context.answers_as = Identity(context.facts.model)
     if context.order.model is not None:
         if model != context.order.model:
             raise StartRefused(
@@ -128,6 +129,7 @@ def _learn_family(context: SessionContext) -> Steps[None]:
         raise StartRefused(
             f"{context.name}: recipe {context.recipe.name} is not for family {context.family.name}"
         )
+    context.answers_as = None
     if "software_version" in context.family.commands:
         context.facts.software = yield from _software(context)
 
