@@ -768,6 +768,48 @@ def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(
     assert cable.now - ASKED_AT < ALLOWED_S + 1.5
 
 
+@pytest.mark.parametrize("is_proven", [True, False])
+@pytest.mark.parametrize(
+    ("wanted", "suction", "ordered"),
+    [
+        ("cooling", False, COOL),
+        ("cooling", True, COOL_AND_HOLD),
+        ("off", False, ALL_OFF),
+        ("off", True, (0, 0, 1, 0, 0)),
+    ],
+)
+def test_on_a_flooded_link_hot_air_ends_in_the_wanted_state_and_keeps_its_part(
+    wanted: str, suction: bool, ordered: StatusWord, is_proven: bool
+) -> None:
+    """The heater is off in both. Until the flood is recognized, the fallbacks of a silent station
+    may go out.
+    """
+    device = hot_air()
+    made = task(1, family="jtse", wanted=wanted, suction=suction, is_proven=is_proven)
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    told = told_words(device, 1)
+    assert told[-1] == ordered
+    if suction or not is_proven:
+        assert {*told} == {ordered}
+    assert made.tools[0].reached == SafetyResult.SENT
+
+
+def test_on_a_flooded_link_hot_air_does_not_get_what_it_refused_before() -> None:
+    device, made = hot_air(), task(1, family="jtse", wanted="cooling")
+    made.tools[0].pass_over(COOL, "cooling was refused with N 00005")
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    assert {*told_words(device, 1)} == {ALL_OFF}
+
+
+@pytest.mark.parametrize("wanted", ["stand", "extractor"])
+def test_on_a_flooded_link_soldering_stands_because_extract_would_have_to_be_seen(
+    wanted: str,
+) -> None:
+    device, made = station(), task(1, 2, wanted=wanted, is_proven=False)
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    assert {*written(device)} == {STAND}
+
+
 def test_a_stranger_that_was_found_before_the_flood_is_told_nothing() -> None:
     stranger, made = station("nae"), task(1, 2, is_proven=False)
     made.is_stranger = True
