@@ -23,7 +23,7 @@ from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import SLEEP, WORKING, SimPort
 from jbclog.sim.virtual import VirtualStation
 from support.campaigns.each_row import each_row
-from support.clients.making_safe import ASKED_AT, Cable, Silent, station, task
+from support.clients.making_safe import ASKED_AT, Cable, FloodedCable, Silent, station, task
 from support.clients.talk import framed
 from support.golden.form import with_check_byte
 
@@ -714,38 +714,6 @@ def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> 
 
 
 # -- a flooded link --------------------------------------------------------------------------------
-
-
-class FloodedCable(Cable):
-    """One that brings a kilobyte of copies of a frame every 50 ms, whatever is asked, for so many
-    seconds.
-    """
-
-    def __init__(
-        self, end: VirtualStation, frame: bytes, seconds: float = 99.0, *, is_out: bool = False
-    ) -> None:
-        super().__init__(end, is_out=is_out)
-        self._copies = (frame * 1000)[:1024]
-        self._until = ASKED_AT + seconds
-        self._next_at = ASKED_AT
-
-    def begin_at(self, at: float) -> None:
-        """It floods from then on only."""
-        self._next_at = at
-
-    def _next(self, until: float) -> IoResult:
-        copies_at = max(self._next_at, self.now)
-        answer_at = self.coming[0][0] if self.coming else until
-        if copies_at > min(answer_at, until, self._until):
-            return super()._next(until)
-        sent, self.now = self.now, copies_at
-        self._next_at = copies_at + 0.05
-        return IoResult(self.now, self._copies, sent)
-
-    def _waited(self, request: Wait) -> IoResult:
-        begun, end = max(self._next_at, self.now), max(request.until, self.now)
-        came = self._copies * (1 + int((end - begun) / 0.05)) if begun <= end < self._until else b""
-        return super()._waited(request)._replace(data=came)
 
 
 SAFE, OTHER, OURS = framed("APS100001"), framed("ASMNNAE"), framed("ASMNDDE")
