@@ -89,7 +89,7 @@ class BlindOrders:
             for tool in task.tools if self.count else ():
                 self._word(task, tool)  # why a tool that rests was not among those ordered
             # over a flooded link the usual order would go out, which may heat on a mixed line
-            if self.was_mixed or self.count or self._lease.name in self._continuity.others:
+            if self.was_mixed or self.count or self._may_be_other():
                 task.is_stranger = True
             return
         self._why = ""
@@ -113,6 +113,12 @@ class BlindOrders:
                 tool.note_order(word)
                 self._continuity.note_order(self._lease.name, tool.port, word)
                 tool.reached = SafetyResult.SENT
+
+    def _may_be_other(self) -> bool:
+        """Return True if another station was found, or the port leads to another device."""
+        name = self._lease.name
+        is_found = name in self._continuity.others
+        return is_found or self._continuity.has_changed(name, self.device)
 
     def _is_allowed_now(self) -> bool:
         """Return True if the station is still proven, just before an order is sent."""

@@ -99,6 +99,11 @@ class Continuity:
         _, times = self.ordered.get((station, port), (word, 0))
         self.ordered[station, port] = word, times + 1
 
+    def has_changed(self, station: str, device: PortDevice | None) -> bool:
+        """Return True if `device` is known to be another one than when the station was proven."""
+        proof = self.proofs.get(station)
+        return proof is not None and device is not None and device != proof.device
+
     def may_rest(self, lease: StationLease) -> bool:
         """Return True if a leased tool was at rest when its status was last read."""
         family = FAMILIES.get(lease.family)
