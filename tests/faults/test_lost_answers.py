@@ -386,3 +386,32 @@ def test_safe_while_the_guard_is_at_work_gives_one_answer(line: ServedLine, tmp_
         r"the guard of the run .* says: port 1: .* stand was ordered \d times", ended_safe.stderr
     )
     assert max(orders.values()) <= MOST_ORDERS
+
+
+SAFE_LATER_S = 2.0  # beside a guard at work
+
+
+def test_safe_beside_the_guard_takes_little_longer_than_on_free_ports(
+    line: ServedLine, tmp_path: Path
+) -> None:
+    """The guard could not reach one station; then all answer, and it is about to try again."""
+    run = at_work(line, tmp_path / "runs")
+    with lost(line, all_of_them, "ucr-1"):
+        _, guard = struck(run)
+        folder = only_run(tmp_path / "runs")
+        assert until(lambda: "ucr-1 port 1" in problems(folder), 30.0)
+    with ended_guard(guard):
+        beside_guard_s = safe_s(line)
+    ended(run)
+    for tool in line.tools():
+        tool.order(WORKING, False)
+    free_s = safe_s(line)
+    assert beside_guard_s <= free_s + SAFE_LATER_S
+    assert line.at_work() == 0
+
+
+def safe_s(line: ServedLine) -> float:
+    """How long `jbclog safe` takes, which must reach all tools."""
+    begun_at = time.monotonic()
+    assert jbclog("safe", "--line", line.path).returncode == 0
+    return time.monotonic() - begun_at
