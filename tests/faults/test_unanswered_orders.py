@@ -1,0 +1,420 @@
+"""A recorder dies while its stations hear and cannot be heard: what the guard orders without an
+answer, and that no tool gets warmer by it.
+
+Real recorders and guards, on stations and physics that somebody else wrote from the manuals
+(`outside_bench`). Each failure names station and port; times are seconds after the death.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from jbclog.guard.action_log import NAME as ACTION_LOG
+from support.campaigns.unanswered import (
+    EXTRACTOR,
+    OLD,
+    STAND,
+    Bench,
+    Outcome,
+    Tool,
+    family_of,
+    watched,
+)
+from support.command import jbclog, started, until
+from support.faults.guarded import guard_that_is_there, only_run
+from support.oracles.outside_bench import Served
+
+pytestmark = [pytest.mark.usefixtures("own_state"), pytest.mark.timeout(300)]
+
+WITHIN_S = 5.0
+LONGEST_S = 10.0  # no order later than that after the death
+MOST = 3  # orders to a tool
+SLACK_S = 0.5
+STOP, FEEDING = "STP00000", "still feeding"
+UNSURE = re.compile("not confirm|not known|may be hot")
+
+TWO, FOUR = ("ucr", "nae"), ("ucr", "ale", "nae", "dme")
+EIGHT = (*FOUR, "dde", "hde", OLD, "omega")
+
+
+# -- what is done to tools and stations ------------------------------------------------------------
+
+
+def at_rest(bench: Bench) -> None:
+    """The first port of each station stands, sleeps, hibernates or lies in the extractor; somebody
+    put it there, and the second goes on working.
+    """
+    ways = [(1, 0), (2, 0), (3, 0), (0, 1)]
+    for number, tool in enumerate(tool for tool in bench.tools() if tool.port == 1):
+        rest(tool, *ways[number % len(ways)])
+
+
+def rest(tool: Tool, units: int, extractor: int) -> None:
+    tool.heater.order(time.monotonic(), units, extractor, 0)  # type: ignore[union-attr]
+    tool.heater.temperature = 350.0 if (units, extractor) == (1, 0) else 150.0
+
+
+def all_at_rest(bench: Bench) -> None:
+    for number, tool in enumerate(bench.tools()):
+        rest(tool, *[(1, 0), (2, 0), (3, 0), (0, 1)][number % 4])
+
+
+def extractor_heats(bench: Bench) -> None:
+    for tool in bench.tools():
+        tool.heater._extractor_cools = False  # type: ignore[union-attr]
+
+
+def extractor_heats_and_second_sleeps(bench: Bench) -> None:
+    extractor_heats(bench)
+    for tool in bench.tools():
+        if tool.port == 2:
+            rest(tool, 2, 0)
+
+
+def swapped(bench: Bench) -> None:
+    bench.swap(bench.names[0], bench.names[1])
+
+
+def unplugged(bench: Bench) -> None:
+    bench.change_device("ucr", same_number=False)
+
+
+def renumbered(bench: Bench) -> None:
+    bench.change_device("ucr", same_number=True)
+
+
+def refused(bench: Bench) -> None:
+    """The server of each station accepts nobody for two seconds."""
+    assert bench.served is not None
+    for name in bench.links:
+        bench.served.refuse(name, 2.0)
+
+
+def air_off(bench: Bench) -> None:
+    bench.stations["jtse"].station.write("PS1", "00000", time.monotonic())
+
+
+@dataclass(frozen=True)
+class Row:
+    """One death. `order` is what working tools get: the family's own, that of a mixed line, or
+    none. `between` happens after the death and before the guard acts, which is stopped meanwhile.
+    """
+
+    stations: tuple[str, ...]
+    harm: str = "dead"
+    harmed: tuple[str, ...] = ()  # all, if none is named
+    lead_s: float = 0.0
+    blow: signal.Signals = signal.SIGKILL
+    is_tcp: bool = False
+    order: str = "own"
+    prepare: Callable[[Bench], None] = lambda _bench: None
+    between: Callable[[Bench], None] | None = None
+    asleep_s: float = 0.0  # as the guard's boot-time clock sees it, between death and order
+    recorded: tuple[str, ...] = ()  # all, if none is named
+    safe_state: str = ""
+    gone: tuple[str, ...] = ()  # stations that nobody reaches any more
+    at_once: bool = False  # no status was read since the tool was put to work
+
+    def wanted(self, tool: Tool) -> str:
+        """The status that a tool that works gets; nothing is no order."""
+        family = family_of(tool.station)
+        if self.order == "none" or tool.station in self.gone:
+            return ""
+        if self.recorded and tool.station not in self.recorded:
+            return ""
+        if family == "jtse":
+            return EXTRACTOR
+        if self.order == "mixed":
+            return "" if family == OLD else EXTRACTOR
+        return STAND
+
+
+ROWS = {
+    "every family": Row(EIGHT),
+    "every family over TCP": Row(EIGHT, is_tcp=True),
+    "no answer for 20 s": Row(EIGHT, lead_s=20.0),
+    "no answer for 20 s over TCP": Row(TWO, lead_s=20.0, is_tcp=True),
+    "no answer for 60 s": Row(EIGHT, lead_s=60.0, order="none"),
+    "no answer for 60 s over TCP": Row(TWO, lead_s=60.0, is_tcp=True, order="none"),
+    "nine of ten bytes lost": Row(EIGHT, harm="thin"),
+    "nine of ten bytes lost over TCP": Row(TWO, harm="thin", is_tcp=True),
+    "garbled": Row(EIGHT, harm="garbled"),
+    "garbled over TCP": Row(TWO, harm="garbled", is_tcp=True),
+    "garbled for 20 s": Row(TWO, harm="garbled", lead_s=20.0),
+    "one port of two": Row(TWO, harmed=("ucr",)),
+    "the other port of two over TCP": Row(TWO, harmed=("nae",), is_tcp=True),
+    "all answer": Row(EIGHT, harm=""),
+    "stopped": Row(EIGHT, blow=signal.SIGSTOP),
+    "stopped, garbled over TCP": Row(TWO, blow=signal.SIGSTOP, harm="garbled", is_tcp=True),
+    "status never read": Row(FOUR, at_once=True),
+    "hot air": Row(("jtse",)),
+    "hot air over TCP": Row(("jtse",), is_tcp=True),
+    "hot air, stopped, thin": Row(("jtse",), harm="thin", blow=signal.SIGSTOP),
+    # who rests
+    "some rest": Row(FOUR, prepare=at_rest),
+    "some rest, garbled": Row(FOUR, prepare=at_rest, harm="garbled"),
+    "all rest": Row(FOUR, prepare=all_at_rest),
+    "all rest, stopped": Row(FOUR, prepare=all_at_rest, blow=signal.SIGSTOP),
+    "hot air is off": Row(("jtse",), prepare=air_off),
+    # an extractor state that heats
+    "the extractor heats": Row(FOUR, prepare=extractor_heats),
+    "the extractor heats, and is the recipe's": Row(
+        FOUR, prepare=extractor_heats, safe_state="extractor"
+    ),
+    "the extractor heats on a mixed line": Row(
+        (*FOUR, "jtse"), prepare=lambda bench: extractor_heats_of_soldering(bench), order="mixed"
+    ),
+    "the extractor heats and others sleep, on a mixed line": Row(
+        ("nae", "dme", "jtse"),
+        prepare=lambda bench: extractor_heats_of_soldering(bench, asleep=True),
+        order="mixed",
+    ),
+    # mixed lines
+    "mixed": Row((*FOUR, OLD, "jtse"), order="mixed"),
+    "mixed over TCP": Row((*FOUR, OLD, "jtse"), order="mixed", is_tcp=True),
+    "mixed, only soldering recorded": Row(("ucr", "jtse"), order="mixed", recorded=("ucr",)),
+    "cables swapped": Row(("ucr", "jtse"), order="mixed", between=swapped),
+    "cables swapped, hot air is off": Row(
+        ("ucr", "jtse"), order="mixed", between=swapped, prepare=air_off
+    ),
+    "cables swapped, one direction dead": Row(
+        ("nae", "jtse"), order="mixed", between=swapped, harmed=("nae",)
+    ),
+    "cables swapped, the other direction dead": Row(
+        ("nae", "jtse"), order="mixed", between=swapped, harmed=("jtse",)
+    ),
+    "cables swapped, only soldering recorded": Row(
+        ("ucr", "jtse"), order="mixed", between=swapped, recorded=("ucr",), prepare=air_off
+    ),
+    "cables of two soldering stations swapped": Row(("ucr", "nae"), between=swapped),
+    # devices
+    "another device by the same name": Row(TWO, between=unplugged, gone=("ucr",)),
+    "another device with the same number": Row(TWO, between=renumbered, gone=("ucr",)),
+    "another device that answers": Row(TWO, harm="", between=unplugged, gone=("ucr",)),
+    "a server that refuses for 2 s": Row(TWO, is_tcp=True, between=refused),
+    # sleep
+    "suspended for 5 s": Row(TWO, between=lambda _bench: None, asleep_s=5.0),
+    "suspended for 40 s": Row(TWO, between=lambda _bench: None, asleep_s=40.0, order="none"),
+}
+SLICE = ("every family", "no answer for 60 s", "some rest", "cables swapped, hot air is off")
+"""Run by default."""
+
+
+def extractor_heats_of_soldering(bench: Bench, *, asleep: bool = False) -> None:
+    for tool in bench.tools():
+        if family_of(tool.station) == "jtse":
+            continue
+        tool.heater._extractor_cools = False  # type: ignore[union-attr]
+        if asleep and tool.port == 2:
+            rest(tool, 2, 0)
+
+
+# -- one death -------------------------------------------------------------------------------------
+
+SITE = """
+import time
+
+def beside(real, unit):
+    def read(clock):
+        now = real(clock)
+        try:
+            ahead = float(open({path!r}).read() or 0)
+        except OSError:
+            ahead = 0.0
+        return now + type(now)(ahead * unit) if clock == time.CLOCK_BOOTTIME else now
+    return read
+
+time.clock_gettime = beside(time.clock_gettime, 1)
+time.clock_gettime_ns = beside(time.clock_gettime_ns, 10**9)
+"""
+"""Of the guard, whose boot-time clock a file sets ahead, as a suspended machine's would be."""
+
+
+@contextmanager
+def recorder(bench: Bench, row: Row, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    (folder / "ports").mkdir(parents=True)
+    with Served(bench.peers, folder / "ports", tcp=row.is_tcp) as served:  # type: ignore[arg-type]  # what receives
+        bench.served, bench.folder = served, folder / "ports"
+        line = bench.line_file(served, folder, "line", row.safe_state)
+        only = [word for name in row.recorded for word in ("-s", name)]
+        run = started("run", "--line", line, "--out", folder / "runs", *only)
+        guards: list[int] = []
+        try:
+            yield run
+        finally:
+            guards += guards_of(folder / "runs")
+            run.kill()
+            for guard in guards:
+                end(guard)
+            run.communicate(timeout=60)
+
+
+def guards_of(out: Path) -> list[int]:
+    """Guards whose command names a run below `out`."""
+    found = []
+    for place in Path("/proc").iterdir():
+        if not place.name.isdigit():
+            continue
+        try:
+            command = (place / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if b"jbclog.guard" in command and bytes(out) in command:
+            found.append(int(place.name))
+    return found
+
+
+def end(process: int) -> None:
+    try:
+        os.kill(process, signal.SIGKILL)
+    except ProcessLookupError:
+        return
+    until(lambda: not Path(f"/proc/{process}/cmdline").exists(), 10.0)
+
+
+def settled(bench: Bench, row: Row, run: subprocess.Popen[str], since: float) -> None:
+    """Wait until each recorded tool works, hot, and its status was read a few times since."""
+    mine = [tool for tool in bench.tools() if not row.recorded or tool.station in row.recorded]
+    assert until(
+        lambda: run.poll() is not None or all(tool.is_working for tool in mine), 90.0, 0.01
+    )
+    assert run.poll() is None, run.communicate(timeout=5)
+    if row.at_once:
+        return
+    worked = time.monotonic()
+    assert until(lambda: statuses_read(bench, row, worked) >= 4, 60.0)
+
+
+def statuses_read(bench: Bench, row: Row, since: float) -> int:
+    return bench.statuses_read(since, row.recorded or tuple(bench.stations))
+
+
+def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]:
+    bench = Bench(row.stations)
+    ahead = folder / "ahead"
+    with recorder(bench, row, folder) as run:
+        settled(bench, row, run, time.monotonic())
+        guard = guard_that_is_there(run.pid)
+        for one in bench.stations.values():
+            if one.station.family == "ale":
+                one.station.write("STR", "00000", time.monotonic())  # as a robot does
+        row.prepare(bench)
+        if not row.at_once:
+            prepared = time.monotonic()
+            assert until(lambda: statuses_read(bench, row, prepared) >= 3, 60.0)
+            time.sleep(0.6)  # two beats
+        if row.lead_s:
+            bench.harm(row.harm, row.harmed)
+            time.sleep(row.lead_s)
+        if row.between is not None:
+            os.kill(guard, signal.SIGSTOP)
+        working = {f"{tool.station}:{tool.port}": tool for tool in bench.tools() if tool.is_working}
+        twins = {f"{tool.station}:{tool.port}": tool.copied() for tool in bench.tools()}
+        bench.harm(row.harm, row.harmed)
+        at = time.monotonic()
+        run.send_signal(row.blow)
+        if row.between is not None:
+            row.between(bench)
+            if row.asleep_s:
+                ahead.write_text(str(row.asleep_s))
+            os.kill(guard, signal.SIGCONT)
+        wanted = {place: row.wanted(tool) for place, tool in working.items()}
+        outcome = watched(bench, wanted, twins, at, for_s)
+        feeding = [
+            name for name, one in bench.stations.items() if getattr(one.station, "feeding", False)
+        ]
+        outcome.others += [(name, FEEDING) for name in feeding]
+        for link in bench.strangers:
+            print(f"another device heard {link.heard} bytes")
+            outcome.others += [("another device", write.code) for write in link.cable.written]
+    return wanted, outcome
+
+
+def report_of(folder: Path) -> tuple[int, str]:
+    """The exit code of `recover`, with its words and the guard's log."""
+    run = only_run(folder / "runs")
+    log = run / ACTION_LOG
+    words = log.read_text() if log.exists() else "no action log\n"
+    done = jbclog("recover", run)
+    return done.returncode, words + done.stdout + done.stderr
+
+
+def tried(name: str, row: Row, folder: Path, for_s: float) -> dict[str, int]:
+    """One death and its judgement; the figures of the campaign."""
+    wanted, outcome = died(row, folder, for_s)
+    code, words = report_of(folder)
+    print(f"{name}: ordered {outcome.orders}, other writes {outcome.others}")
+    print(f"  safe after {outcome.seconds}, hotter {outcome.hotter}, recover {code}\n{words}")
+    faults = faults_of(row, wanted, outcome)
+    if wanted and (row.harm or row.between):
+        faults += [] if code == 5 else [f"recover ends with {code}, not 5"]
+        faults += [] if UNSURE.search(words) else ["nobody says that tools may be hot"]
+    assert not faults, "\n".join([name, *faults])
+    ordered = [place for place, status in wanted.items() if status]
+    slowest = max((outcome.seconds[place] for place in ordered), default=0.0)
+    print(f"  slowest {slowest:.2f} s")
+    return {"deaths": 1, "tools": len(wanted), "safe_within_5_s": len(ordered), "hotter": 0}
+
+
+def faults_of(row: Row, wanted: dict[str, str], outcome: Outcome) -> list[str]:
+    faults = []
+    for place, status in wanted.items():
+        after = outcome.seconds.get(place)
+        if status and (after is None or after > WITHIN_S):
+            faults.append(f"{place}: not at {status} within {WITHIN_S:g} s (after {after} s)")
+    faults += [f"{place}: hotter than before the order" for place in outcome.hotter]
+    for place, orders in outcome.orders.items():
+        allowed = {wanted.get(place, "")}
+        if STAND in allowed and row.safe_state:
+            allowed.add(EXTRACTOR)
+        wrong = [order for order in orders if order[1] not in allowed]
+        if wrong:
+            faults.append(f"{place}: ordered {wrong}, where only {sorted(allowed)} may come")
+        if len(orders) > MOST * len(allowed):
+            faults.append(f"{place}: {len(orders)} orders, at most {MOST} are allowed")
+        if orders and orders[-1][0] > LONGEST_S + SLACK_S:
+            faults.append(f"{place}: the last order came after {orders[-1][0]} s")
+    faults += [
+        f"{station}: {what}"
+        for station, what in outcome.others
+        if what != STOP and not (what == FEEDING and row.order != "own")
+    ]
+    return faults
+
+
+def slug(name: str) -> str:
+    return re.sub(r"\W+", "-", name)
+
+
+@pytest.fixture
+def clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A guard whose boot-time clock can be set ahead."""
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "sitecustomize.py").write_text(SITE.format(path=str(tmp_path / "death" / "ahead")))
+    monkeypatch.setenv("PYTHONPATH", str(site))
+
+
+@pytest.mark.usefixtures("clock")
+@pytest.mark.parametrize("name", SLICE, ids=slug)
+def test_a_recorder_dies_unheard(name: str, tmp_path: Path, counted: Callable[..., None]) -> None:
+    counted(**tried(name, ROWS[name], tmp_path / "death", 7.0))
+
+
+@pytest.mark.campaign
+@pytest.mark.usefixtures("clock")
+@pytest.mark.parametrize("name", ROWS, ids=slug)
+def test_each_death_of_a_recorder_that_is_unheard(
+    name: str, tmp_path: Path, counted: Callable[..., None]
+) -> None:
+    counted(**tried(name, ROWS[name], tmp_path / "death", 13.0))
