@@ -122,6 +122,8 @@ class Row:
     asleep_s: float = 0.0  # as the guard's boot-time clock sees it, between death and order
     recorded: tuple[str, ...] = ()  # all, if none is named
     safe_state: str = ""
+    beside: tuple[str, ...] = ()  # stations of another run, of another line
+    known: tuple[str, ...] = ()  # by their answers as others than expected: an order may stay away
     gone: tuple[str, ...] = ()  # stations that nobody reaches any more
     at_once: bool = False  # no status was read since the tool was put to work
 
@@ -188,15 +190,17 @@ ROWS = {
         ("ucr", "jtse"), order="mixed", between=swapped, prepare=air_off
     ),
     "cables swapped, one direction dead": Row(
-        ("nae", "jtse"), order="mixed", between=swapped, harmed=("nae",)
+        ("nae", "jtse"), order="mixed", between=swapped, harmed=("nae",), known=("nae",)
     ),
     "cables swapped, the other direction dead": Row(
-        ("nae", "jtse"), order="mixed", between=swapped, harmed=("jtse",)
+        ("nae", "jtse"), order="mixed", between=swapped, harmed=("jtse",), known=("jtse",)
     ),
     "cables swapped, only soldering recorded": Row(
         ("ucr", "jtse"), order="mixed", between=swapped, recorded=("ucr",), prepare=air_off
     ),
-    "cables of two soldering stations swapped": Row(("ucr", "nae"), between=swapped),
+    "cables of two soldering stations swapped": Row(("dde", "nae"), between=swapped),
+    "another run has hot air": Row(TWO, order="mixed", beside=("jtse",)),
+    "another run has soldering stations": Row(TWO, beside=("dme",)),
     # devices
     "another device by the same name": Row(TWO, between=unplugged, gone=("ucr",)),
     "another device with the same number": Row(TWO, between=renumbered, gone=("ucr",)),
@@ -259,6 +263,18 @@ def recorder(bench: Bench, row: Row, folder: Path) -> Iterator[subprocess.Popen[
             run.communicate(timeout=60)
 
 
+@contextmanager
+def beside(row: Row, folder: Path) -> Iterator[None]:
+    """Another run of this user, whose stations answer."""
+    if not row.beside:
+        yield
+        return
+    other, whole = Bench(row.beside, seed=1), Row(row.beside)
+    with recorder(other, whole, folder) as run:
+        settled(other, whole, run)
+        yield
+
+
 def guards_of(out: Path) -> list[int]:
     """Guards whose command names a run below `out`."""
     found = []
@@ -282,13 +298,13 @@ def end(process: int) -> None:
     until(lambda: not Path(f"/proc/{process}/cmdline").exists(), 10.0)
 
 
-def settled(bench: Bench, row: Row, run: subprocess.Popen[str], since: float) -> None:
+def settled(bench: Bench, row: Row, run: subprocess.Popen[str]) -> None:
     """Wait until each recorded tool works, hot, and its status was read a few times since."""
     mine = [tool for tool in bench.tools() if not row.recorded or tool.station in row.recorded]
     assert until(
         lambda: run.poll() is not None or all(tool.is_working for tool in mine), 90.0, 0.01
     )
-    assert run.poll() is None, run.communicate(timeout=5)
+    assert run.poll() is None, "".join(run.communicate(timeout=5))
     if row.at_once:
         return
     worked = time.monotonic()
@@ -300,10 +316,9 @@ def statuses_read(bench: Bench, row: Row, since: float) -> int:
 
 
 def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]:
-    bench = Bench(row.stations)
-    ahead = folder / "ahead"
-    with recorder(bench, row, folder) as run:
-        settled(bench, row, run, time.monotonic())
+    bench, ahead = Bench(row.stations), folder / "ahead"
+    with beside(row, folder / "beside"), recorder(bench, row, folder) as run:
+        settled(bench, row, run)
         guard = guard_that_is_there(run.pid)
         for one in bench.stations.values():
             if one.station.family == "ale":
@@ -311,7 +326,7 @@ def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]
         row.prepare(bench)
         if not row.at_once:
             prepared = time.monotonic()
-            assert until(lambda: statuses_read(bench, row, prepared) >= 3, 60.0)
+            assert until(lambda: statuses_read(bench, row, prepared) >= 3, 30.0), run.poll()
             time.sleep(0.6)  # two beats
         if row.lead_s:
             bench.harm(row.harm, row.harmed)
@@ -344,7 +359,7 @@ def report_of(folder: Path) -> tuple[int, str]:
     """The exit code of `recover`, with its words and the guard's log."""
     run = only_run(folder / "runs")
     log = run / ACTION_LOG
-    words = log.read_text() if log.exists() else "no action log\n"
+    words = log.read_text().strip() + "\n" if log.exists() else "no action log\n"
     done = jbclog("recover", run)
     return done.returncode, words + done.stdout + done.stderr
 
@@ -354,23 +369,26 @@ def tried(name: str, row: Row, folder: Path, for_s: float) -> dict[str, int]:
     wanted, outcome = died(row, folder, for_s)
     code, words = report_of(folder)
     print(f"{name}: ordered {outcome.orders}, other writes {outcome.others}")
-    print(f"  safe after {outcome.seconds}, hotter {outcome.hotter}, recover {code}\n{words}")
+    slowest = max(outcome.seconds.values(), default=0.0)
+    print(
+        f"  {len(outcome.seconds)} of {len(wanted)} at work ordered, the last after {slowest:.2f} s"
+    )
+    print(f"  hotter {outcome.hotter}, recover {code}\n{words}")
     faults = faults_of(row, wanted, outcome)
     if wanted and (row.harm or row.between):
         faults += [] if code == 5 else [f"recover ends with {code}, not 5"]
         faults += [] if UNSURE.search(words) else ["nobody says that tools may be hot"]
     assert not faults, "\n".join([name, *faults])
-    ordered = [place for place, status in wanted.items() if status]
-    slowest = max((outcome.seconds[place] for place in ordered), default=0.0)
-    print(f"  slowest {slowest:.2f} s")
-    return {"deaths": 1, "tools": len(wanted), "safe_within_5_s": len(ordered), "hotter": 0}
+    figures = {"tools": len(wanted), "ordered_within_5_s": len(outcome.seconds)}
+    return {"deaths": 1, **figures, "hotter": len(outcome.hotter)}
 
 
 def faults_of(row: Row, wanted: dict[str, str], outcome: Outcome) -> list[str]:
     faults = []
     for place, status in wanted.items():
         after = outcome.seconds.get(place)
-        if status and (after is None or after > WITHIN_S):
+        is_due = bool(status) and place.partition(":")[0] not in row.known
+        if is_due and (after is None or after > WITHIN_S):
             faults.append(f"{place}: not at {status} within {WITHIN_S:g} s (after {after} s)")
     faults += [f"{place}: hotter than before the order" for place in outcome.hotter]
     for place, orders in outcome.orders.items():
@@ -387,7 +405,7 @@ def faults_of(row: Row, wanted: dict[str, str], outcome: Outcome) -> list[str]:
     faults += [
         f"{station}: {what}"
         for station, what in outcome.others
-        if what != STOP and not (what == FEEDING and row.order != "own")
+        if what != STOP and not (what == FEEDING and wanted.get(f"{station}:1") != STAND)
     ]
     return faults
 
@@ -418,3 +436,38 @@ def test_each_death_of_a_recorder_that_is_unheard(
     name: str, tmp_path: Path, counted: Callable[..., None]
 ) -> None:
     counted(**tried(name, ROWS[name], tmp_path / "death", 13.0))
+
+
+# -- a person who does the right thing -------------------------------------------------------------
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("after_s", [0.1, 0.5, 3.0, 8.0])
+def test_safe_answers_where_our_own_guard_holds_the_port(tmp_path: Path, after_s: float) -> None:
+    """At most 2 s later than on a free port, with the same answer, and never "python3"."""
+    row, bench = Row(TWO), Bench(TWO)
+    folder = tmp_path / "death"
+    with recorder(bench, row, folder) as run:
+        settled(bench, row, run)
+        time.sleep(0.6)
+        bench.harm("dead")
+        at = time.monotonic()
+        run.kill()
+        time.sleep(after_s)
+        held_s, held = timed_safe(folder)
+        orders = [write for name in TWO for write in bench.orders(name, at)]
+        for guard in guards_of(folder / "runs"):
+            end(guard)
+        free_s, free = timed_safe(folder)
+    print(f"held {held_s:.1f} s, free {free_s:.1f} s\n{held.stdout}{held.stderr}\n{free.stderr}")
+    assert (held.returncode, free.returncode) == (5, 5)
+    assert "python3" not in held.stdout + held.stderr
+    assert held_s < free_s + 2.0 + SLACK_S
+    assert {write.data for write in orders} == {STAND}
+    assert all(tool.status == STAND for tool in bench.tools())
+
+
+def timed_safe(folder: Path) -> tuple[float, subprocess.CompletedProcess[str]]:
+    began = time.monotonic()
+    done = jbclog("safe", "--line", folder / "line.toml")
+    return time.monotonic() - began, done

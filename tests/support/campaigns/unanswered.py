@@ -43,6 +43,7 @@ delay_min = 30
 rate_hz = "auto"
 [run]
 status = "working"
+on_difference = "continue"
 """,
     "air": """
 [recipe]
@@ -55,6 +56,7 @@ temperature_c = 300
 rate_hz = "auto"
 [run]
 status = "on"
+on_difference = "continue"
 """,
     "omega": """
 [recipe]
@@ -213,8 +215,9 @@ class Bench:
     def line_file(self, served: Served, folder: Path, name: str, safe_state: str) -> Path:
         """The line with its recipes."""
         for kind, text in RECIPES.items():
-            more = f'safe_state = "{safe_state}"\n' if kind == "tip" and safe_state else ""
-            (folder / f"{kind}.toml").write_text(text + more)
+            if kind == "tip" and safe_state:
+                text = text.replace('"soldering", ', "") + f'safe_state = "{safe_state}"\n'
+            (folder / f"{kind}.toml").write_text(text)
         kinds = {"jtse": "air", "omega": "omega"}
         families = {station: family_of(station) for station in self.names}
         keys = {
@@ -265,6 +268,8 @@ def watched(
     for name in bench.stations:
         for write in bench.orders(name, at):
             place = f"{name}:{write.code[2]}"
+            if write.error == 4 and write.data == EXTRACTOR:
+                continue  # of another station's port
             if write.code.startswith("PS") and place in orders:
                 orders[place].append((round(write.at - at, 2), write.data))
             else:
