@@ -17,6 +17,7 @@ from typing import cast
 
 import pytest
 
+from jbclog.core.clock import VirtualClock
 from jbclog.core.rows import COLUMN
 from support.campaigns.each_row import each_row
 from support.oracles import outside_bench as bench
@@ -119,10 +120,10 @@ OVERTAKEN = ("true one later than its row",)
 TRUE_ONLY = ("late and asked again",)
 
 
-def repeating(way: str, share: float, seed: int, *, from_start: bool = False) -> dict[str, Cable]:
+def repeating(way: str, share: float, *, from_start: bool = False) -> dict[str, Cable]:
     cables: dict[str, Cable] = {}
     for number, family in enumerate(FAMILIES):
-        rng = random.Random(100 * seed + number)
+        rng = random.Random(number)
         habits = Habits(**{**vars(OWN_HABITS[family]), "restless_c": RESTLESS_C})
         cables[family] = Repeating(
             station(family, rng, habits), rng, way=way, share=share, from_start=from_start
@@ -142,13 +143,32 @@ def readings(outcome: Outcome) -> Counter[str]:
 
 
 def recorded(
-    way: str, share: float, count: int, seed: int = 0, *, from_start: bool = False
+    way: str, share: float, count: int, *, rate: str = ONCE_A_SECOND, from_start: bool = False
 ) -> Outcome:
     """A run of all families with `count` readings of the three signals, at least."""
     duration = count / (PORTS * len(SIGNALS)) + 3
-    cables = repeating(way, share, seed, from_start=from_start)
-    tip, air = (text.replace(RATE, ONCE_A_SECOND) for text in (TIP, AIR))
+    cables = repeating(way, share, from_start=from_start)
+    tip, air = (text.replace(RATE, rate) for text in (TIP, AIR))
     return virtual(cables, duration_s=duration, recipe=tip, air=air)
+
+
+def wrong_temperatures(outcome: Outcome) -> list[str]:
+    """Temperatures that are not what the station said last when their row was timed, at any rate:
+    a row has the time of that answer.
+    """
+    shift = VirtualClock().utc() - VirtualClock().monotonic()
+    found = []
+    for row in outcome.memory.samples:
+        value, name = row[COLUMN["temperature_c"]], str(row[COLUMN["station"]])
+        if value is None:
+            continue
+        code = "AT1" if name == "jtse" else f"TT{row[COLUMN['port']]}"
+        said = outcome.cables[name].said[code]
+        at = int(str(row[COLUMN["time"]])) / 1e6 - shift
+        _, raw = min(said, key=lambda answer: abs(answer[0] + FRAME_S / 2 - at))
+        if value != int(raw):
+            found.append(f"{name}: {code} at {at:.3f}: {value} is recorded, and {raw} was said")
+    return found
 
 
 def tally(outcome: Outcome) -> dict[str, int]:
@@ -215,6 +235,15 @@ def test_no_setting_is_wrong_where_answers_are_repeated_from_the_start(share: fl
     assert [
         text for text in wrong_values(outcome) if text.split(": ")[1].split(" of ")[0] in settings
     ] == []
+
+
+@each_row((way, (way,)) for way in ("before", "before, in one read", "after", "split over reads"))
+def test_no_repeated_temperature_is_recorded_at_ten_a_second(way: str) -> None:
+    """As fast as the link allows, where an old answer is a tenth of a second old."""
+    outcome = recorded(way, RATES[2], 200, rate=RATE)
+    assert wrong_temperatures(recorded(way, 0.0, 200, rate=RATE)) == []
+    assert wrong_temperatures(outcome) == []
+    assert_each_account_holds(outcome)
 
 
 @pytest.mark.campaign
