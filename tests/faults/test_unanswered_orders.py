@@ -11,6 +11,7 @@ import os
 import re
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -37,9 +38,10 @@ from support.oracles.outside_bench import Served
 pytestmark = [pytest.mark.usefixtures("own_state"), pytest.mark.timeout(300)]
 
 WITHIN_S = 5.0
-LONGEST_S = 10.0  # no order later than that after the death
+PROVEN_S = 30.0  # after the last answer identity counts as proven
 MOST = 3  # orders to a tool
 SLACK_S = 0.5
+SUCKING = "00110"
 STOP, FEEDING = "STP00000", "still feeding"
 UNSURE = re.compile("not confirm|not known|may be hot")
 
@@ -119,11 +121,14 @@ class Row:
     order: str = "own"
     prepare: Callable[[Bench], None] = lambda _bench: None
     between: Callable[[Bench], None] | None = None
+    after_s: float = 0.0  # so long after the death, and the guard is not stopped
+    latest_s: float = 10.0  # no order comes later after the death
+    suction: bool = False  # of hot air
     asleep_s: float = 0.0  # as the guard's boot-time clock sees it, between death and order
     recorded: tuple[str, ...] = ()  # all, if none is named
     safe_state: str = ""
     beside: tuple[str, ...] = ()  # stations of another run, of another line
-    known: tuple[str, ...] = ()  # by their answers as others than expected: an order may stay away
+    known: tuple[str, ...] = ()  # an order may stay away, or come, because cables are swapped
     gone: tuple[str, ...] = ()  # stations that nobody reaches any more
     at_once: bool = False  # no status was read since the tool was put to work
 
@@ -148,6 +153,7 @@ ROWS = {
     "no answer for 20 s over TCP": Row(TWO, lead_s=20.0, is_tcp=True),
     "no answer for 60 s": Row(EIGHT, lead_s=60.0, order="none"),
     "no answer for 60 s over TCP": Row(TWO, lead_s=60.0, is_tcp=True, order="none"),
+    "no answer for 26 s": Row(TWO, lead_s=26.0),
     "nine of ten bytes lost": Row(EIGHT, harm="thin"),
     "nine of ten bytes lost over TCP": Row(TWO, harm="thin", is_tcp=True),
     "garbled": Row(EIGHT, harm="garbled"),
@@ -159,13 +165,16 @@ ROWS = {
     "stopped": Row(EIGHT, blow=signal.SIGSTOP),
     "stopped, garbled over TCP": Row(TWO, blow=signal.SIGSTOP, harm="garbled", is_tcp=True),
     "status never read": Row(FOUR, at_once=True),
+    "guard replaced before": Row(TWO, prepare=lambda bench: end(bench.guard)),
     "hot air": Row(("jtse",)),
+    "hot air with suction": Row(("jtse",), suction=True),
     "hot air over TCP": Row(("jtse",), is_tcp=True),
     "hot air, stopped, thin": Row(("jtse",), harm="thin", blow=signal.SIGSTOP),
     # who rests
     "some rest": Row(FOUR, prepare=at_rest),
     "some rest, garbled": Row(FOUR, prepare=at_rest, harm="garbled"),
     "all rest": Row(FOUR, prepare=all_at_rest),
+    "some rest, and all answer": Row(FOUR, prepare=at_rest, harm=""),
     "all rest, stopped": Row(FOUR, prepare=all_at_rest, blow=signal.SIGSTOP),
     "hot air is off": Row(("jtse",), prepare=air_off),
     # an extractor state that heats
@@ -183,20 +192,26 @@ ROWS = {
     ),
     # mixed lines
     "mixed": Row((*FOUR, OLD, "jtse"), order="mixed"),
+    "mixed, with suction": Row(("ucr", "jtse"), order="mixed", suction=True),
     "mixed over TCP": Row((*FOUR, OLD, "jtse"), order="mixed", is_tcp=True),
     "mixed, only soldering recorded": Row(("ucr", "jtse"), order="mixed", recorded=("ucr",)),
     "cables swapped": Row(("ucr", "jtse"), order="mixed", between=swapped),
     "cables swapped, hot air is off": Row(
-        ("ucr", "jtse"), order="mixed", between=swapped, prepare=air_off
+        ("ucr", "jtse"), order="mixed", between=swapped, prepare=air_off, known=("ucr", "jtse")
     ),
     "cables swapped, one direction dead": Row(
         ("nae", "jtse"), order="mixed", between=swapped, harmed=("nae",), known=("nae",)
     ),
     "cables swapped, the other direction dead": Row(
-        ("nae", "jtse"), order="mixed", between=swapped, harmed=("jtse",), known=("jtse",)
+        ("nae", "jtse"), order="mixed", between=swapped, harmed=("jtse",), known=("nae", "jtse")
     ),
     "cables swapped, only soldering recorded": Row(
-        ("ucr", "jtse"), order="mixed", between=swapped, recorded=("ucr",), prepare=air_off
+        ("ucr", "jtse"),
+        order="mixed",
+        between=swapped,
+        recorded=("ucr",),
+        prepare=air_off,
+        known=("ucr", "jtse"),
     ),
     "cables of two soldering stations swapped": Row(("dde", "nae"), between=swapped),
     "another run has hot air": Row(TWO, order="mixed", beside=("jtse",)),
@@ -205,9 +220,15 @@ ROWS = {
     "another device by the same name": Row(TWO, between=unplugged, gone=("ucr",)),
     "another device with the same number": Row(TWO, between=renumbered, gone=("ucr",)),
     "another device that answers": Row(TWO, harm="", between=unplugged, gone=("ucr",)),
+    "another device after the first order": Row(
+        TWO, between=renumbered, after_s=1.0, known=("ucr",)
+    ),
     "a server that refuses for 2 s": Row(TWO, is_tcp=True, between=refused),
     # sleep
     "suspended for 5 s": Row(TWO, between=lambda _bench: None, asleep_s=5.0),
+    "suspended after the first order": Row(
+        TWO, between=lambda _bench: None, asleep_s=40.0, after_s=1.0, latest_s=1.0
+    ),
     "suspended for 40 s": Row(TWO, between=lambda _bench: None, asleep_s=40.0, order="none"),
 }
 SLICE = ("every family", "no answer for 60 s", "some rest", "cables swapped, hot air is off")
@@ -249,7 +270,7 @@ def recorder(bench: Bench, row: Row, folder: Path) -> Iterator[subprocess.Popen[
     (folder / "ports").mkdir(parents=True)
     with Served(bench.peers, folder / "ports", tcp=row.is_tcp) as served:  # type: ignore[arg-type]  # what receives
         bench.served, bench.folder = served, folder / "ports"
-        line = bench.line_file(served, folder, "line", row.safe_state)
+        line = bench.line_file(served, folder, safe_state=row.safe_state, suction=row.suction)
         only = [word for name in row.recorded for word in ("-s", name)]
         run = started("run", "--line", line, "--out", folder / "runs", *only)
         guards: list[int] = []
@@ -315,11 +336,18 @@ def statuses_read(bench: Bench, row: Row, since: float) -> int:
     return bench.statuses_read(since, row.recorded or tuple(bench.stations))
 
 
+def meanwhile(row: Row, bench: Bench, ahead: Path) -> None:
+    assert row.between is not None
+    row.between(bench)
+    if row.asleep_s:
+        ahead.write_text(str(row.asleep_s))
+
+
 def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]:
     bench, ahead = Bench(row.stations), folder / "ahead"
     with beside(row, folder / "beside"), recorder(bench, row, folder) as run:
         settled(bench, row, run)
-        guard = guard_that_is_there(run.pid)
+        bench.guard = guard_that_is_there(run.pid)
         for one in bench.stations.values():
             if one.station.family == "ale":
                 one.station.write("STR", "00000", time.monotonic())  # as a robot does
@@ -328,21 +356,23 @@ def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]
             prepared = time.monotonic()
             assert until(lambda: statuses_read(bench, row, prepared) >= 3, 30.0), run.poll()
             time.sleep(0.6)  # two beats
+        guard = guard_that_is_there(run.pid)
         if row.lead_s:
             bench.harm(row.harm, row.harmed)
             time.sleep(row.lead_s)
-        if row.between is not None:
+        is_held = row.between is not None and not row.after_s
+        if is_held:
             os.kill(guard, signal.SIGSTOP)
         working = {f"{tool.station}:{tool.port}": tool for tool in bench.tools() if tool.is_working}
         twins = {f"{tool.station}:{tool.port}": tool.copied() for tool in bench.tools()}
         bench.harm(row.harm, row.harmed)
         at = time.monotonic()
         run.send_signal(row.blow)
-        if row.between is not None:
-            row.between(bench)
-            if row.asleep_s:
-                ahead.write_text(str(row.asleep_s))
+        if is_held:
+            meanwhile(row, bench, ahead)
             os.kill(guard, signal.SIGCONT)
+        elif row.between is not None:
+            threading.Timer(row.after_s, meanwhile, (row, bench, ahead)).start()
         wanted = {place: row.wanted(tool) for place, tool in working.items()}
         outcome = watched(bench, wanted, twins, at, for_s)
         feeding = [
@@ -393,14 +423,19 @@ def faults_of(row: Row, wanted: dict[str, str], outcome: Outcome) -> list[str]:
     faults += [f"{place}: hotter than before the order" for place in outcome.hotter]
     for place, orders in outcome.orders.items():
         allowed = {wanted.get(place, "")}
+        if place.partition(":")[0] in row.known:
+            allowed.add(EXTRACTOR if row.order == "mixed" else STAND)
         if STAND in allowed and row.safe_state:
             allowed.add(EXTRACTOR)
+        if row.suction and row.order == "own":
+            allowed.add(SUCKING)
         wrong = [order for order in orders if order[1] not in allowed]
         if wrong:
             faults.append(f"{place}: ordered {wrong}, where only {sorted(allowed)} may come")
-        if len(orders) > MOST * len(allowed):
+        if len(orders) > MOST * (2 if row.safe_state else 1):
             faults.append(f"{place}: {len(orders)} orders, at most {MOST} are allowed")
-        if orders and orders[-1][0] > LONGEST_S + SLACK_S:
+        latest_s = min(row.latest_s, PROVEN_S - row.lead_s) + SLACK_S
+        if orders and orders[-1][0] > latest_s:
             faults.append(f"{place}: the last order came after {orders[-1][0]} s")
     faults += [
         f"{station}: {what}"

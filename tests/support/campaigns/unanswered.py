@@ -148,6 +148,7 @@ class Bench:
     stations: dict[str, Cable] = field(default_factory=dict)
     strangers: list[Link] = field(default_factory=list)  # plugged in where others were
     served: Served | None = None
+    guard: int = 0  # its process
     folder: Path = Path()  # of the names of its ports
 
     def __post_init__(self) -> None:
@@ -212,11 +213,17 @@ class Bench:
         ]
         return min(counts, default=0)
 
-    def line_file(self, served: Served, folder: Path, name: str, safe_state: str) -> Path:
+    def line_file(
+        self, served: Served, folder: Path, *, safe_state: str = "", suction: bool = False
+    ) -> Path:
         """The line with its recipes."""
-        for kind, text in RECIPES.items():
-            if kind == "tip" and safe_state:
-                text = text.replace('"soldering", ', "") + f'safe_state = "{safe_state}"\n'
+        texts = dict(RECIPES)
+        if safe_state:
+            tip = texts["tip"].replace('"soldering", ', "")
+            texts["tip"] = f'{tip}safe_state = "{safe_state}"\n'
+        if suction:
+            texts["air"] = texts["air"].replace("[air]", '[air]\nsuction = "on"')
+        for kind, text in texts.items():
             (folder / f"{kind}.toml").write_text(text)
         kinds = {"jtse": "air", "omega": "omega"}
         families = {station: family_of(station) for station in self.names}
@@ -224,8 +231,8 @@ class Bench:
             station: f'recipe = "{kinds.get(family, "tip")}.toml"'
             for station, family in families.items()
         }
-        path = folder / f"{name}.toml"
-        path.write_text(written_line(served.urls, families, name, keys))
+        path = folder / "line.toml"
+        path.write_text(written_line(served.urls, families, more=keys))
         return path
 
 
@@ -268,7 +275,7 @@ def watched(
     for name in bench.stations:
         for write in bench.orders(name, at):
             place = f"{name}:{write.code[2]}"
-            if write.error == 4 and write.data == EXTRACTOR:
+            if write.error == 4 and write.data[3:] == EXTRACTOR[3:]:
                 continue  # of another station's port
             if write.code.startswith("PS") and place in orders:
                 orders[place].append((round(write.at - at, 2), write.data))
