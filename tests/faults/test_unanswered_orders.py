@@ -231,7 +231,7 @@ ROWS = {
     ),
     "suspended for 40 s": Row(TWO, between=lambda _bench: None, asleep_s=40.0, order="none"),
 }
-SLICE = ("every family", "no answer for 60 s", "some rest", "cables swapped, hot air is off")
+SLICE = ("every family", "suspended for 40 s", "some rest", "cables swapped, hot air is off")
 """Run by default."""
 
 
