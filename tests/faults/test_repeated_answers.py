@@ -35,6 +35,7 @@ RATE = 'rate_hz = "auto"'
 # a second between two readings of a signal: an old value is never taken for that of this row
 ONCE_A_SECOND = "rate_hz = 1"
 RESTLESS_C = 9.0
+JUST_BEFORE_S = 0.06
 FRAME_S = 15 * 10 / 19200
 
 Pieces = list[tuple[float, bytes]]
@@ -153,8 +154,8 @@ def recorded(
 
 
 def wrong_temperatures(outcome: Outcome) -> list[str]:
-    """Temperatures that are not what the station said last when their row was timed, at any rate:
-    a row has the time of that answer.
+    """Temperatures that their station did not say just before the time of their row, which is that
+    of the answer. A jump is asked about again, and has two answers.
     """
     shift = VirtualClock().utc() - VirtualClock().monotonic()
     found = []
@@ -163,11 +164,14 @@ def wrong_temperatures(outcome: Outcome) -> list[str]:
         if value is None:
             continue
         code = "AT1" if name == "jtse" else f"TT{row[COLUMN['port']]}"
-        said = outcome.cables[name].said[code]
         at = int(str(row[COLUMN["time"]])) / 1e6 - shift
-        _, raw = min(said, key=lambda answer: abs(answer[0] + FRAME_S / 2 - at))
-        if value != int(raw):
-            found.append(f"{name}: {code} at {at:.3f}: {value} is recorded, and {raw} was said")
+        said = [
+            int(raw)
+            for moment, raw in outcome.cables[name].said[code]
+            if at - JUST_BEFORE_S < moment <= at
+        ]
+        if value not in said:
+            found.append(f"{name}: {code} at {at:.3f}: {value} is recorded, and {said} was said")
     return found
 
 
