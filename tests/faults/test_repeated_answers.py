@@ -199,10 +199,27 @@ def assert_each_account_holds(outcome: Outcome) -> None:
         assert_account_holds(cast("VirtualRun", run))
 
 
+def assert_contradictions_are_reported(outcome: Outcome) -> None:
+    """An event at the first of a station, and their number at its end."""
+    for name in outcome.cables:
+        rows = [reasons_in(row) for row in outcome.memory.samples if row[COLUMN["station"]] == name]
+        counters = [row.raw for row in outcome.memory.counters if row.station == name]
+        count = sum(list(reasons.values()).count("contradicted") for reasons in rows)
+        count += counters.count("<contradicted>")
+        events = [
+            event
+            for event in outcome.memory.events
+            if event.kind == "read.contradicted" and event.station == name
+        ]
+        assert len(events) == (2 if count else 0), name
+        assert not count or events[-1].value == count, name
+
+
 def judged(way: str, share: float, count: int, *, from_start: bool = False) -> dict[str, int]:
     outcome = recorded(way, share, count, from_start=from_start)
     figures = tally(outcome)
     assert_each_account_holds(outcome)
+    assert_contradictions_are_reported(outcome)
     print(f"{way}, {share:.0%}: {figures}")
     assert outcome.not_started == {}
     assert figures["readings"] >= count
