@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.guard.action_log import NAME as ACTION_LOG
+from jbclog import open_run
 from support.campaigns.unanswered import (
     EXTRACTOR,
     OLD,
@@ -385,29 +385,53 @@ def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]
     return wanted, outcome
 
 
-def report_of(folder: Path) -> tuple[int, str]:
-    """The exit code of `recover`, with its words and the guard's log."""
-    run = only_run(folder / "runs")
-    log = run / ACTION_LOG
-    words = log.read_text().strip() + "\n" if log.exists() else "no action log\n"
-    done = jbclog("recover", run)
-    return done.returncode, words + done.stdout + done.stderr
+@dataclass(frozen=True)
+class Report:
+    """What the record says after `recover`: its exit code and words, and the guard's events as
+    (station, port, text).
+    """
+
+    code: int
+    words: str
+    events: list[tuple[str, int, str]]
+
+    @classmethod
+    def of(cls, folder: Path) -> Report:
+        run = only_run(folder / "runs")
+        done = jbclog("recover", run)
+        events = open_run(run).events()
+        events = events[events["kind"].str.startswith(("safety.", "guard.", "identity."))]
+        ports = events["port"].fillna(0).astype(int)
+        rows = list(zip(events["station"].fillna(""), ports, events["text"], strict=True))
+        return cls(done.returncode, done.stdout + done.stderr, rows)
+
+    def faults(self, row: Row, wanted: dict[str, str], outcome: Outcome) -> Iterator[str]:
+        """What it does not say, although stations could not be heard."""
+        if not wanted or not (row.harm or row.between):
+            return
+        if self.code != 5:
+            yield f"recover ends with {self.code}, not 5"
+        if not UNSURE.search(" ".join([self.words, *(text for _, _, text in self.events)])):
+            yield "nobody says that tools may be hot"
+        silent = set(row.harmed or row.stations) - set(row.known) if row.harm else set()
+        for place, orders in outcome.orders.items():
+            station, _, port = place.partition(":")
+            said = [text for *at, text in self.events if at == [station, int(port)]]
+            count = f"ordered {len(orders)} time{'s' * (len(orders) > 1)}, not confirmed"
+            if station in silent and orders and not any(count in text for text in said):
+                yield f"{place}: no event with {count!r}, but {said}"
 
 
 def tried(name: str, row: Row, folder: Path, for_s: float) -> dict[str, int]:
     """One death and its judgement; the figures of the campaign."""
     wanted, outcome = died(row, folder, for_s)
-    code, words = report_of(folder)
-    print(f"{name}: ordered {outcome.orders}, other writes {outcome.others}")
+    report = Report.of(folder)
     slowest = max(outcome.seconds.values(), default=0.0)
-    print(
-        f"  {len(outcome.seconds)} of {len(wanted)} at work ordered, the last after {slowest:.2f} s"
-    )
-    print(f"  hotter {outcome.hotter}, recover {code}\n{words}")
-    faults = faults_of(row, wanted, outcome)
-    if wanted and (row.harm or row.between):
-        faults += [] if code == 5 else [f"recover ends with {code}, not 5"]
-        faults += [] if UNSURE.search(words) else ["nobody says that tools may be hot"]
+    print(f"{name}: ordered {outcome.orders}, other writes {outcome.others}")
+    print(f"  {len(outcome.seconds)} of {len(wanted)} ordered, the last after {slowest:.2f} s")
+    print(f"  hotter {outcome.hotter}, recover {report.code}\n{report.words}")
+    print(*report.events, sep="\n")
+    faults = [*faults_of(row, wanted, outcome), *report.faults(row, wanted, outcome)]
     assert not faults, "\n".join([name, *faults])
     figures = {"tools": len(wanted), "ordered_within_5_s": len(outcome.seconds)}
     return {"deaths": 1, **figures, "hotter": len(outcome.hotter)}
@@ -499,6 +523,7 @@ def test_safe_answers_where_our_own_guard_holds_the_port(tmp_path: Path, after_s
     assert not re.search("python|in use by process", held.stdout + held.stderr)
     assert held_s < free_s + 2.0 + SLACK_S
     assert {write.data for write in orders} == {STAND}
+    assert len(orders) <= MOST * len(bench.tools())
     assert all(tool.status == STAND for tool in bench.tools())
 
 
