@@ -11,6 +11,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -33,7 +34,7 @@ from support.campaigns.unanswered import (
 )
 from support.command import jbclog, started, until
 from support.faults.guarded import guard_that_is_there, only_run
-from support.oracles.outside_bench import Served
+from support.oracles.outside_bench import HotAir, Served
 
 pytestmark = [pytest.mark.usefixtures("own_state"), pytest.mark.timeout(300)]
 
@@ -531,3 +532,50 @@ def timed_safe(folder: Path) -> tuple[float, subprocess.CompletedProcess[str]]:
     began = time.monotonic()
     done = jbclog("safe", "--line", folder / "line.toml")
     return time.monotonic() - began, done
+
+
+INSISTED = {
+    "soldering": (TWO, "y\n", STAND),
+    "hot air": (("jtse",), "y\n", EXTRACTOR),
+    "a person who does not": (TWO, "n\n", ""),
+    "nobody there": (TWO, "", ""),
+    "mixed": (("ucr", "jtse"), "y\n", ""),
+}
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", INSISTED, ids=slug)
+def test_a_person_who_insists_orders_once(name: str, tmp_path: Path) -> None:
+    """No run and no proof: the question names each station and both risks."""
+    stations, reply, order = INSISTED[name]
+    bench = Bench(stations)
+    (tmp_path / "ports").mkdir()
+    for tool in bench.tools():
+        if not isinstance(tool.heater, HotAir):
+            tool.heater.order(time.monotonic(), 0, 0, 0)
+    with Served(bench.peers, tmp_path / "ports") as served:  # type: ignore[arg-type]  # what receives
+        line = bench.line_file(served, tmp_path)
+        bench.harm("dead")
+        words = ("safe", "--line", str(line), "--unanswered")
+        code = "from jbclog.cli import main; main()"
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words],
+            input=reply,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    print(done.stdout, done.stderr)
+    orders = {station: [write.data for write in bench.orders(station, 0.0)] for station in stations}
+    ports = {
+        station: [tool for tool in bench.tools() if tool.station == station] for station in stations
+    }
+    assert orders == {station: [order] * len(ports[station]) * bool(order) for station in stations}
+    assert done.returncode == 5
+    assert all(station in done.stdout + done.stderr for station in stations)
+    if reply == "y\n" and order:
+        assert re.search("another station", done.stderr)
+        assert re.search("warm|heat", done.stderr)
+    else:
+        assert re.search("switch .* off", done.stderr)
