@@ -8,21 +8,25 @@ reading is wrong where its row holds a value that its station did not say to thi
 from __future__ import annotations
 
 import random
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import pytest
 
+from jbclog import open_run
 from jbclog.core.clock import VirtualClock
 from jbclog.core.rows import COLUMN
 from support.campaigns.each_row import each_row
+from support.command import jbclog
 from support.oracles import outside_bench as bench
 from support.oracles.account import assert_account_holds, reasons_in
-from support.oracles.outside_bench import OWN_HABITS, Cable, Habits, station
+from support.oracles.outside_bench import OWN_HABITS, Cable, Habits, Served, station
 from support.oracles.outside_runs import AIR, TIP, Outcome, virtual, wrong_values
 from support.virtual.virtual_run import Memory, VirtualRun
 
@@ -265,6 +269,35 @@ def test_no_repeated_temperature_is_recorded_at_ten_a_second(way: str) -> None:
     assert wrong_temperatures(recorded(way, 0.0, 200, rate=RATE)) == []
     assert wrong_temperatures(outcome) == []
     assert_each_account_holds(outcome)
+
+
+def test_no_repeated_temperature_is_recorded_on_real_ports(tmp_path: Path) -> None:
+    """Through pseudo-terminals and the shipped command, one answer in five, in one read or two."""
+    for name, text in {"tip": TIP, "air": AIR}.items():
+        (tmp_path / f"{name}.toml").write_text(text.replace(RATE, "rate_hz = 2"))
+    cables = {
+        **{name: repeating("before", RATES[3])[name] for name in ("dme", "ucr")},
+        **{name: repeating("before, in one read", RATES[3])[name] for name in ("nae", "jtse")},
+    }
+    with Served(cables, tmp_path) as served:
+        keys = {name: f'recipe = "{"air" if name == "jtse" else "tip"}.toml"' for name in cables}
+        line = tmp_path / "line.toml"
+        line.write_text(bench.line_file(served.urls, {name: name for name in cables}, more=keys))
+        run = jbclog("run", "--line", line, "--out", tmp_path / "runs", "--duration", "8s")
+        shift = time.time() - time.monotonic()
+    rows = open_run(run.stdout.split()[-1]).samples()
+    wrong = []
+    for row in rows[rows["temperature_c"].notna()].itertuples():
+        code = "AT1" if row.station == "jtse" else f"TT{row.port}"
+        at = row.time.timestamp() - shift
+        said = [
+            int(raw) for moment, raw in cables[row.station].said[code] if abs(at - moment) < 0.25
+        ]
+        if row.temperature_c not in said:
+            wrong.append((row.station, code, row.temperature_c, said))
+    assert sum(one.differing for one in cables.values()) > 0
+    assert len(rows) > 80
+    assert wrong == []
 
 
 @pytest.mark.campaign
