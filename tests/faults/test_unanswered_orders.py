@@ -72,15 +72,13 @@ def all_at_rest(bench: Bench) -> None:
         rest(tool, *[(1, 0), (2, 0), (3, 0), (0, 1)][number % 4])
 
 
-def extractor_heats(bench: Bench) -> None:
+def extractor_heats(bench: Bench, *, asleep: bool = False) -> None:
+    """The extractor state of the soldering stations does not cool; second tools sleep."""
     for tool in bench.tools():
-        tool.heater._extractor_cools = False  # type: ignore[union-attr]
-
-
-def extractor_heats_and_second_sleeps(bench: Bench) -> None:
-    extractor_heats(bench)
-    for tool in bench.tools():
-        if tool.port == 2:
+        if isinstance(tool.heater, HotAir):
+            continue
+        tool.heater._extractor_cools = False
+        if asleep and tool.port == 2:
             rest(tool, 2, 0)
 
 
@@ -184,11 +182,11 @@ ROWS = {
         FOUR, prepare=extractor_heats, safe_state="extractor"
     ),
     "the extractor heats on a mixed line": Row(
-        (*FOUR, "jtse"), prepare=lambda bench: extractor_heats_of_soldering(bench), order="mixed"
+        (*FOUR, "jtse"), prepare=extractor_heats, order="mixed"
     ),
     "the extractor heats and others sleep, on a mixed line": Row(
         ("nae", "dme", "jtse"),
-        prepare=lambda bench: extractor_heats_of_soldering(bench, asleep=True),
+        prepare=lambda bench: extractor_heats(bench, asleep=True),
         order="mixed",
     ),
     # mixed lines
@@ -236,15 +234,6 @@ SLICE = ("every family", "suspended for 40 s", "some rest", "cables swapped, hot
 """Run by default."""
 
 
-def extractor_heats_of_soldering(bench: Bench, *, asleep: bool = False) -> None:
-    for tool in bench.tools():
-        if family_of(tool.station) == "jtse":
-            continue
-        tool.heater._extractor_cools = False  # type: ignore[union-attr]
-        if asleep and tool.port == 2:
-            rest(tool, 2, 0)
-
-
 # -- one death -------------------------------------------------------------------------------------
 
 SITE = """
@@ -274,11 +263,10 @@ def recorder(bench: Bench, row: Row, folder: Path) -> Iterator[subprocess.Popen[
         line = bench.line_file(served, folder, safe_state=row.safe_state, suction=row.suction)
         only = [word for name in row.recorded for word in ("-s", name)]
         run = started("run", "--line", line, "--out", folder / "runs", *only)
-        guards: list[int] = []
         try:
             yield run
         finally:
-            guards += guards_of(folder / "runs")
+            guards = guards_of(folder / "runs")
             run.kill()
             for guard in guards:
                 end(guard)
@@ -299,17 +287,17 @@ def beside(row: Row, folder: Path) -> Iterator[None]:
 
 def guards_of(out: Path) -> list[int]:
     """Guards whose command names a run below `out`."""
-    found = []
-    for place in Path("/proc").iterdir():
-        if not place.name.isdigit():
+    guards = []
+    for process in Path("/proc").iterdir():
+        if not process.name.isdigit():
             continue
         try:
-            command = (place / "cmdline").read_bytes()
+            command = (process / "cmdline").read_bytes()
         except OSError:
             continue
         if b"jbclog.guard" in command and bytes(out) in command:
-            found.append(int(place.name))
-    return found
+            guards.append(int(process.name))
+    return guards
 
 
 def end(process: int) -> None:
@@ -349,9 +337,8 @@ def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]
     with beside(row, folder / "beside"), recorder(bench, row, folder) as run:
         settled(bench, row, run)
         bench.guard = guard_that_is_there(run.pid)
-        for one in bench.stations.values():
-            if one.station.family == "ale":
-                one.station.write("STR", "00000", time.monotonic())  # as a robot does
+        if "ale" in bench.stations:
+            bench.stations["ale"].station.write("STR", "00000", time.monotonic())  # as a robot does
         row.prepare(bench)
         if not row.at_once:
             prepared = time.monotonic()
@@ -361,23 +348,25 @@ def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]
         if row.lead_s:
             bench.harm(row.harm, row.harmed)
             time.sleep(row.lead_s)
-        is_held = row.between is not None and not row.after_s
-        if is_held:
+        is_stopped = row.between is not None and not row.after_s
+        if is_stopped:
             os.kill(guard, signal.SIGSTOP)
-        working = {f"{tool.station}:{tool.port}": tool for tool in bench.tools() if tool.is_working}
-        twins = {f"{tool.station}:{tool.port}": tool.copied() for tool in bench.tools()}
+        working = {tool.key: tool for tool in bench.tools() if tool.is_working}
+        twins = {tool.key: tool.copied() for tool in bench.tools()}
         bench.harm(row.harm, row.harmed)
         at = time.monotonic()
         run.send_signal(row.blow)
-        if is_held:
+        if is_stopped:
             meanwhile(row, bench, ahead)
             os.kill(guard, signal.SIGCONT)
         elif row.between is not None:
             threading.Timer(row.after_s, meanwhile, (row, bench, ahead)).start()
-        wanted = {place: row.wanted(tool) for place, tool in working.items()}
+        wanted = {key: row.wanted(tool) for key, tool in working.items()}
         outcome = watched(bench, wanted, twins, at, for_s)
         feeding = [
-            name for name, one in bench.stations.items() if getattr(one.station, "feeding", False)
+            name
+            for name, cable in bench.stations.items()
+            if getattr(cable.station, "feeding", False)
         ]
         outcome.others += [(name, FEEDING) for name in feeding]
         for link in bench.strangers:
@@ -415,12 +404,12 @@ class Report:
         if not UNSURE.search(" ".join([self.words, *(text for _, _, text in self.events)])):
             yield "nobody says that tools may be hot"
         silent = set(row.harmed or row.stations) - set(row.known) if row.harm else set()
-        for place, orders in outcome.orders.items():
-            station, _, port = place.partition(":")
-            said = [text for *at, text in self.events if at == [station, int(port)]]
+        for key, orders in outcome.orders.items():
+            station, _, port = key.partition(":")
+            texts = [text for *at, text in self.events if at == [station, int(port)]]
             count = f"ordered {len(orders)} time{'s' * (len(orders) > 1)}, not confirmed"
-            if station in silent and orders and not any(count in text for text in said):
-                yield f"{place}: no event with {count!r}, but {said}"
+            if station in silent and orders and not any(count in text for text in texts):
+                yield f"{key}: no event with {count!r}, but {texts}"
 
 
 def tried(name: str, row: Row, folder: Path, for_s: float) -> dict[str, int]:
@@ -440,15 +429,15 @@ def tried(name: str, row: Row, folder: Path, for_s: float) -> dict[str, int]:
 
 def faults_of(row: Row, wanted: dict[str, str], outcome: Outcome) -> list[str]:
     faults = []
-    for place, status in wanted.items():
-        after = outcome.seconds.get(place)
-        is_due = bool(status) and place.partition(":")[0] not in row.known
+    for key, status in wanted.items():
+        after = outcome.seconds.get(key)
+        is_due = bool(status) and key.partition(":")[0] not in row.known
         if is_due and (after is None or after > WITHIN_S):
-            faults.append(f"{place}: not at {status} within {WITHIN_S:g} s (after {after} s)")
-    faults += [f"{place}: hotter than before the order" for place in outcome.hotter]
-    for place, orders in outcome.orders.items():
-        allowed = {wanted.get(place, "")}
-        if place.partition(":")[0] in row.known:
+            faults.append(f"{key}: not at {status} within {WITHIN_S:g} s (after {after} s)")
+    faults += [f"{key}: hotter than before the order" for key in outcome.hotter]
+    for key, orders in outcome.orders.items():
+        allowed = {wanted.get(key, "")}
+        if key.partition(":")[0] in row.known:
             allowed.add(EXTRACTOR if row.order == "mixed" else STAND)
         if STAND in allowed and row.safe_state:
             allowed.add(EXTRACTOR)
@@ -456,12 +445,12 @@ def faults_of(row: Row, wanted: dict[str, str], outcome: Outcome) -> list[str]:
             allowed.add(SUCKING)
         wrong = [order for order in orders if order[1] not in allowed]
         if wrong:
-            faults.append(f"{place}: ordered {wrong}, where only {sorted(allowed)} may come")
+            faults.append(f"{key}: ordered {wrong}, where only {sorted(allowed)} may come")
         if len(orders) > MOST * (2 if row.safe_state else 1):
-            faults.append(f"{place}: {len(orders)} orders, at most {MOST} are allowed")
+            faults.append(f"{key}: {len(orders)} orders, at most {MOST} are allowed")
         latest_s = min(row.latest_s, PROVEN_S - row.lead_s) + SLACK_S
         if orders and orders[-1][0] > latest_s:
-            faults.append(f"{place}: the last order came after {orders[-1][0]} s")
+            faults.append(f"{key}: the last order came after {orders[-1][0]} s")
     faults += [
         f"{station}: {what}"
         for station, what in outcome.others
@@ -514,15 +503,17 @@ def test_safe_answers_where_our_own_guard_holds_the_port(tmp_path: Path, after_s
         at = time.monotonic()
         run.kill()
         time.sleep(after_s)
-        held_s, held = timed_safe(folder)
+        beside_s, beside_guard = timed_safe(folder)
         orders = [write for name in TWO for write in bench.orders(name, at)]
         for guard in guards_of(folder / "runs"):
             end(guard)
         free_s, free = timed_safe(folder)
-    print(f"held {held_s:.1f} s, free {free_s:.1f} s\n{held.stdout}{held.stderr}\n{free.stderr}")
-    assert (held.returncode, free.returncode) == (5, 5)
-    assert not re.search("python|in use by process", held.stdout + held.stderr)
-    assert held_s < free_s + 2.0 + SLACK_S
+    print(
+        f"beside the guard {beside_s:.1f} s, free {free_s:.1f} s\n{beside_guard.stdout}{beside_guard.stderr}\n{free.stderr}"
+    )
+    assert (beside_guard.returncode, free.returncode) == (5, 5)
+    assert not re.search("python|in use by process", beside_guard.stdout + beside_guard.stderr)
+    assert beside_s < free_s + 2.0 + SLACK_S
     assert {write.data for write in orders} == {STAND}
     assert len(orders) <= MOST * len(bench.tools())
     assert all(tool.status == STAND for tool in bench.tools())

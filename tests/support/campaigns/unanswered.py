@@ -110,6 +110,10 @@ class Tool:
     heater: Port | HotAir
 
     @property
+    def key(self) -> str:
+        return f"{self.station}:{self.port}"
+
+    @property
     def celsius(self) -> float:
         with Link.lock:
             return celsius(self.heater)
@@ -165,13 +169,13 @@ class Bench:
         return {**self.links, **self.omegas}
 
     def tools(self) -> list[Tool]:
-        found = []
-        for name, one in self.stations.items():
-            if isinstance(one.station, HotAir):
-                found.append(Tool(name, 1, one.station))
+        tools = []
+        for name, wire in self.stations.items():
+            if isinstance(wire.station, HotAir):
+                tools.append(Tool(name, 1, wire.station))
             else:
-                found += [Tool(name, port, heater) for port, heater in one.station.ports.items()]
-        return found
+                tools += [Tool(name, port, heater) for port, heater in wire.station.ports.items()]
+        return tools
 
     def harm(self, how: str, names: Sequence[str] = ()) -> None:
         """Spoil what these stations say, or what all say."""
@@ -180,9 +184,9 @@ class Bench:
 
     def swap(self, first: str, second: str) -> None:
         """Plug the cables of two stations into each other's adapters."""
-        one, other = self.links[first], self.links[second]
+        left, right = self.links[first], self.links[second]
         with Link.lock:
-            one.cable, other.cable = other.cable, one.cable
+            left.cable, right.cable = right.cable, left.cable
 
     def change_device(self, name: str, *, same_number: bool) -> None:
         """Have another station, whose tool sleeps, behind another pseudo-terminal by that name."""
@@ -236,10 +240,10 @@ class Bench:
         return path
 
 
-def warm(one: Cable) -> None:
+def warm(wire: Cable) -> None:
     """Have tools wait for their robot in stand, hot."""
-    if isinstance(one.station, Soldering):
-        for port in one.station.ports.values():
+    if isinstance(wire.station, Soldering):
+        for port in wire.station.ports.values():
             port.temperature = HOT_C
             port.order(time.monotonic(), 1, 0, 0)
 
@@ -248,7 +252,7 @@ def warm(one: Cable) -> None:
 class Outcome:
     """What became of the tools after a death. Orders are those of the status."""
 
-    seconds: dict[str, float]  # until each tool had the status that it should get, by its place
+    seconds: dict[str, float]  # until each tool had the status that it should get, by its key
     hotter: list[str]
     orders: dict[str, list[tuple[float, str]]]
     others: list[tuple[str, str]]  # station and any other write
@@ -258,27 +262,29 @@ def watched(
     bench: Bench, wanted: dict[str, str], twins: dict[str, Port | HotAir], at: float, for_s: float
 ) -> Outcome:
     """Watch the tools until `for_s` after a death `at` (monotonic seconds)."""
-    tools = {f"{tool.station}:{tool.port}": tool for tool in bench.tools()}
-    before = {place: celsius(copy.deepcopy(twin)) for place, twin in twins.items()}
+    tools = {tool.key: tool for tool in bench.tools()}
+    before = {key: celsius(copy.deepcopy(twin)) for key, twin in twins.items()}
     seconds: dict[str, float] = {}
     hotter: dict[str, float] = {}
     while time.monotonic() < at + for_s:
-        for place, tool in tools.items():
-            limit = max(before[place], celsius(twins[place])) + TOLERATED_C
+        for key, tool in tools.items():
+            limit = max(before[key], celsius(twins[key])) + TOLERATED_C
             if tool.celsius > limit:
-                hotter[place] = tool.celsius
-            if place in wanted and place not in seconds and tool.status == wanted[place]:
-                seconds[place] = time.monotonic() - at
+                hotter[key] = tool.celsius
+            if key in wanted and key not in seconds and tool.status == wanted[key]:
+                seconds[key] = time.monotonic() - at
         time.sleep(0.05)
-    orders: dict[str, list[tuple[float, str]]] = {place: [] for place in tools}
+    orders: dict[str, list[tuple[float, str]]] = {key: [] for key in tools}
     others = []
     for name in bench.stations:
         for write in bench.orders(name, at):
-            place = f"{name}:{write.code[2]}"
+            key = f"{name}:{write.code[2]}"
             if write.error == 4 and write.data[3:] == EXTRACTOR[3:]:
                 continue  # of another station's port
-            if write.code.startswith("PS") and place in orders:
-                orders[place].append((round(write.at - at, 2), write.data))
+            if write.code.startswith("PS") and key in orders:
+                orders[key].append((round(write.at - at, 2), write.data))
             else:
                 others.append((name, write.code + write.data))
+    for name, omega in bench.omegas.items():
+        others += [(name, text) for text in omega.texts if text[:1] in "DH"]
     return Outcome(seconds, sorted(hotter), orders, others)
