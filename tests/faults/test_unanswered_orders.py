@@ -508,11 +508,11 @@ def test_safe_answers_where_our_own_guard_holds_the_port(tmp_path: Path, after_s
         for guard in guards_of(folder / "runs"):
             end(guard)
         free_s, free = timed_safe(folder)
-    print(
-        f"beside the guard {beside_s:.1f} s, free {free_s:.1f} s\n{beside_guard.stdout}{beside_guard.stderr}\n{free.stderr}"
-    )
+    print(f"beside the guard {beside_s:.1f} s, free {free_s:.1f} s")
+    texts = beside_guard.stdout + beside_guard.stderr
+    print(texts, free.stderr)
     assert (beside_guard.returncode, free.returncode) == (5, 5)
-    assert not re.search("python|in use by process", beside_guard.stdout + beside_guard.stderr)
+    assert not re.search("python|in use by process", texts)
     assert beside_s < free_s + 2.0 + SLACK_S
     assert {write.data for write in orders} == {STAND}
     assert len(orders) <= MOST * len(bench.tools())
