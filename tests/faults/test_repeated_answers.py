@@ -307,4 +307,5 @@ def test_no_repeated_answer_is_recorded_in_4400_readings(
     way: str, share: float, counted: Callable[..., None]
 ) -> None:
     figures = judged(way, share, READINGS)
-    counted(**{f"{way}, {share:.0%}: {name}": number for name, number in figures.items()})
+    kind = "not claimed, " if way in OVERTAKEN else ""
+    counted(**{f"{kind}{name} at {share:.0%}": number for name, number in figures.items()})
