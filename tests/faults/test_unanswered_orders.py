@@ -87,7 +87,12 @@ def swapped(bench: Bench) -> None:
 
 
 def unplugged(bench: Bench) -> None:
-    bench.change_device("ucr", same_number=False)
+    bench.change_device("ucr")
+
+
+def unplugged_for_its_like(bench: Bench) -> None:
+    """The other has the same model and software, and other hours."""
+    bench.change_device("ucr", software="01.07")
 
 
 def renumbered(bench: Bench) -> None:
@@ -219,6 +224,10 @@ ROWS = {
     "another device by the same name": Row(TWO, between=unplugged, gone=("ucr",)),
     "another device with the same number": Row(TWO, between=renumbered, gone=("ucr",)),
     "another device that answers": Row(TWO, harm="", between=unplugged, gone=("ucr",)),
+    "another device of the same model": Row(TWO, between=unplugged_for_its_like, gone=("ucr",)),
+    "another device of the same model that answers": Row(
+        TWO, harm="", between=unplugged_for_its_like, gone=("ucr",)
+    ),
     "another device after the first order": Row(
         TWO, between=renumbered, after_s=1.0, known=("ucr",)
     ),
@@ -232,6 +241,10 @@ ROWS = {
 }
 SLICE = ("every family", "suspended for 40 s", "some rest", "cables swapped, hot air is off")
 """Run by default."""
+NOT_TOLD_APART = pytest.mark.xfail(
+    strict=True, reason="the guard asks for model and software, and not for hours"
+)
+OPEN = ("another device of the same model that answers",)
 
 
 # -- one death -------------------------------------------------------------------------------------
@@ -480,7 +493,11 @@ def test_a_recorder_dies_unheard(name: str, tmp_path: Path, counted: Callable[..
 
 @pytest.mark.campaign
 @pytest.mark.usefixtures("clock")
-@pytest.mark.parametrize("name", ROWS, ids=slug)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=NOT_TOLD_APART if name in OPEN else ()) for name in ROWS],
+    ids=slug,
+)
 def test_each_death_of_a_recorder_that_is_unheard(
     name: str, tmp_path: Path, counted: Callable[..., None]
 ) -> None:

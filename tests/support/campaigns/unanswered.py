@@ -188,12 +188,16 @@ class Bench:
         with Link.lock:
             left.cable, right.cable = right.cable, left.cable
 
-    def change_device(self, name: str, *, same_number: bool) -> None:
+    def change_device(
+        self, name: str, *, same_number: bool = False, software: str = "01.09"
+    ) -> None:
         """Have another station, whose tool sleeps, behind another pseudo-terminal by that name."""
         assert self.served is not None
         family = family_of(name)
         stranger = Link(cable(family, 100 * self.seed + 99), 99)
         stranger.harm = self.links[name].harm
+        assert isinstance(stranger.cable.station, Soldering)
+        stranger.cable.station.software = software
         for port in stranger.cable.station.ports.values():
             port.order(time.monotonic(), 2, 0, 0)
         if same_number:

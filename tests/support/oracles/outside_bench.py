@@ -238,6 +238,7 @@ class Soldering(Station):
             "WCD": "00000",
         }
         self.feeding = False
+        self.software = "01.07"
 
     def _place(self, code: str) -> tuple[Port, int] | None:
         """The port, and the tool, of a code of one letter with both."""
@@ -276,7 +277,7 @@ class Soldering(Station):
         if self.family == "ale":
             known.update(self.feeder, FEE=number(self.feeding))
         if self.family != "soldering":
-            known["SVR"] = "01.07"
+            known["SVR"] = self.software
         return known.get(code)
 
     def _read_port(self, two: str, port: Port, now: float) -> str | None:
