@@ -279,10 +279,8 @@ def recorder(bench: Bench, row: Row, folder: Path) -> Iterator[subprocess.Popen[
         try:
             yield run
         finally:
-            guards = guards_of(folder / "runs")
+            end_guards(folder)
             run.kill()
-            for guard in guards:
-                end(guard)
             run.communicate(timeout=60)
 
 
@@ -313,6 +311,11 @@ def guards_of(out: Path) -> list[int]:
     return guards
 
 
+def end_guards(folder: Path) -> None:
+    for guard in guards_of(folder / "runs"):
+        end(guard)
+
+
 def end(process: int) -> None:
     try:
         os.kill(process, signal.SIGKILL)
@@ -336,56 +339,6 @@ def settled(bench: Bench, row: Row, run: subprocess.Popen[str]) -> None:
 
 def statuses_read(bench: Bench, row: Row, since: float) -> int:
     return bench.statuses_read(since, row.recorded or tuple(bench.stations))
-
-
-def meanwhile(row: Row, bench: Bench, ahead: Path) -> None:
-    assert row.between is not None
-    row.between(bench)
-    if row.asleep_s:
-        ahead.write_text(str(row.asleep_s))
-
-
-def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome]:
-    bench, ahead = Bench(row.stations), folder / "ahead"
-    with beside(row, folder / "beside"), recorder(bench, row, folder) as run:
-        settled(bench, row, run)
-        bench.guard = guard_that_is_there(run.pid)
-        if "ale" in bench.stations:
-            bench.stations["ale"].station.write("STR", "00000", time.monotonic())  # as a robot does
-        row.prepare(bench)
-        if not row.at_once:
-            prepared = time.monotonic()
-            assert until(lambda: statuses_read(bench, row, prepared) >= 3, 30.0), run.poll()
-            time.sleep(0.6)  # two beats
-        guard = guard_that_is_there(run.pid)
-        if row.lead_s:
-            bench.harm(row.harm, row.harmed)
-            time.sleep(row.lead_s)
-        is_stopped = row.between is not None and not row.after_s
-        if is_stopped:
-            os.kill(guard, signal.SIGSTOP)
-        working = {tool.key: tool for tool in bench.tools() if tool.is_working}
-        twins = {tool.key: tool.copied() for tool in bench.tools()}
-        bench.harm(row.harm, row.harmed)
-        at = time.monotonic()
-        run.send_signal(row.blow)
-        if is_stopped:
-            meanwhile(row, bench, ahead)
-            os.kill(guard, signal.SIGCONT)
-        elif row.between is not None:
-            threading.Timer(row.after_s, meanwhile, (row, bench, ahead)).start()
-        wanted = {key: row.wanted(tool) for key, tool in working.items()}
-        outcome = watched(bench, wanted, twins, at, for_s)
-        feeding = [
-            name
-            for name, cable in bench.stations.items()
-            if getattr(cable.station, "feeding", False)
-        ]
-        outcome.others += [(name, FEEDING) for name in feeding]
-        for link in bench.strangers:
-            print(f"another device heard {link.heard} bytes")
-            outcome.others += [("another device", write.code) for write in link.cable.written]
-    return wanted, outcome
 
 
 @dataclass(frozen=True)
@@ -425,10 +378,62 @@ class Report:
                 yield f"{key}: no event with {count!r}, but {texts}"
 
 
+def meanwhile(row: Row, bench: Bench, ahead: Path) -> None:
+    assert row.between is not None
+    row.between(bench)
+    if row.asleep_s:
+        ahead.write_text(str(row.asleep_s))
+
+
+def died(row: Row, folder: Path, for_s: float) -> tuple[dict[str, str], Outcome, Report]:
+    """A death, and its record, which is recovered while nobody else can get the terminals."""
+    bench, ahead = Bench(row.stations), folder / "ahead"
+    with beside(row, folder / "beside"), recorder(bench, row, folder) as run:
+        settled(bench, row, run)
+        bench.guard = guard_that_is_there(run.pid)
+        if "ale" in bench.stations:
+            bench.stations["ale"].station.write("STR", "00000", time.monotonic())  # as a robot does
+        row.prepare(bench)
+        if not row.at_once:
+            prepared = time.monotonic()
+            assert until(lambda: statuses_read(bench, row, prepared) >= 3, 30.0), run.poll()
+            time.sleep(0.6)  # two beats
+        guard = guard_that_is_there(run.pid)
+        if row.lead_s:
+            bench.harm(row.harm, row.harmed)
+            time.sleep(row.lead_s)
+        is_stopped = row.between is not None and not row.after_s
+        if is_stopped:
+            os.kill(guard, signal.SIGSTOP)
+        working = {tool.key: tool for tool in bench.tools() if tool.is_working}
+        twins = {tool.key: tool.copied() for tool in bench.tools()}
+        bench.harm(row.harm, row.harmed)
+        at = time.monotonic()
+        run.send_signal(row.blow)
+        if is_stopped:
+            meanwhile(row, bench, ahead)
+            os.kill(guard, signal.SIGCONT)
+        elif row.between is not None:
+            threading.Timer(row.after_s, meanwhile, (row, bench, ahead)).start()
+        wanted = {key: row.wanted(tool) for key, tool in working.items()}
+        outcome = watched(bench, wanted, twins, at, for_s)
+        feeding = [
+            name
+            for name, cable in bench.stations.items()
+            if getattr(cable.station, "feeding", False)
+        ]
+        outcome.others += [(name, FEEDING) for name in feeding]
+        for link in bench.strangers:
+            print(f"another device heard {link.heard} bytes")
+            outcome.others += [("another device", write.code) for write in link.cable.written]
+        end_guards(folder)
+        report = Report.of(folder)
+    return wanted, outcome, report
+
+
 def tried(name: str, row: Row, folder: Path, for_s: float) -> dict[str, int]:
     """One death and its judgement; the figures of the campaign."""
-    wanted, outcome = died(row, folder, for_s)
-    report = Report.of(folder)
+    wanted, outcome, report = died(row, folder, for_s)
     slowest = max(outcome.seconds.values(), default=0.0)
     print(f"{name}: ordered {outcome.orders}, other writes {outcome.others}")
     print(f"  {len(outcome.seconds)} of {len(wanted)} ordered, the last after {slowest:.2f} s")
@@ -522,8 +527,7 @@ def test_safe_answers_where_our_own_guard_holds_the_port(tmp_path: Path, after_s
         time.sleep(after_s)
         beside_s, beside_guard = timed_safe(folder)
         orders = [write for name in TWO for write in bench.orders(name, at)]
-        for guard in guards_of(folder / "runs"):
-            end(guard)
+        end_guards(folder)
         free_s, free = timed_safe(folder)
     print(f"beside the guard {beside_s:.1f} s, free {free_s:.1f} s")
     texts = beside_guard.stdout + beside_guard.stderr
