@@ -28,9 +28,9 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS, METHODS
 from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import MIB, Kind, expect_regular, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import decoder
+from jbclog.core.files import MIB, Kind, expect_regular, open_regular, read_regular
 from jbclog.core.foreign.tables import read_small
+from jbclog.core.json_files import decoder
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME, Column, field_of
@@ -181,7 +181,7 @@ def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
     manifest.
     """
     try:
-        with open_foreign(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
+        with open_regular(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
             written = _read_written(_report(folder, manifest_sha256)).written
             if written.get(JOINTS_FILE) != file_digest(file, "sha256").hexdigest():
                 return None
@@ -301,7 +301,7 @@ def _report(folder: Path, manifest_sha256: str) -> bytes:
 
     Raises `RecordError`, `OSError`, or `ValueError` if no annotation holds their hash.
     """
-    data = read_foreign(folder / REPORT_FILE, Kind.REPORT)
+    data = read_regular(folder / REPORT_FILE, Kind.REPORT)
     if read_annotations(folder, manifest_sha256).report != sha256(data).hexdigest():
         raise ValueError("no annotation holds the hash of this report")
     return data

@@ -34,7 +34,7 @@ NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by -
 
 def is_folder(path: Path) -> bool:
     """Return whether `path` is a folder. Raises `RecordError` if its mount does not answer."""
-    from jbclog.core.foreign.files import expect_answer  # not imported by --help
+    from jbclog.core.files import expect_answer  # not imported by --help
 
     expect_answer(path)
     try:

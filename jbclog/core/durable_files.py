@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
-from jbclog.core.foreign.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
+from jbclog.core.json_files import json_of
 from jbclog.core.text import count_text
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign, why_hangs, why_link_hangs
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import Kind, read_regular, why_hangs, why_link_hangs
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
 
@@ -133,7 +133,7 @@ def why_unreadable(folder: Path) -> str:
 
 def _read(folder: Path) -> tuple[list[StationLease], str]:
     try:
-        lines = read_foreign(folder / NAME, Kind.LEASE).splitlines()
+        lines = read_regular(folder / NAME, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return [], ""
     except (OSError, ValueError) as error:

@@ -19,7 +19,7 @@ from typing import Final
 
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import expect_answer
+from jbclog.core.files import expect_answer
 from jbclog.core.locks import commit_status
 from jbclog.live.run_follower import RunFollower
 from jbclog.live.states import RunState

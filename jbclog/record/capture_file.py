@@ -20,7 +20,7 @@ from jbclog.core.capture_rows import (
     ResultKind,
     ResultRow,
 )
-from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.files import Kind, open_regular
 
 BYTES: Final = ("sent", "heard")
 PASSED: Final = get_args(LinkRowKind)
@@ -220,7 +220,7 @@ def _crc(head: bytes) -> int:
 
 def blocks(path: Path) -> Iterator[Block | Gap]:
     """Yield the file's blocks in order, with gaps for what is damaged. Raises OSError."""
-    with open_foreign(path, Kind.WIRE) as file:
+    with open_regular(path, Kind.WIRE) as file:
         yield from blocks_in(file.fileno())
 
 

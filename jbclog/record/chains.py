@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
+from jbclog.core.files import Kind, expect_answer, read_regular
 from jbclog.core.rows import EventRow
 from jbclog.core.text import count_text
 from jbclog.record.folder import LETTERS, RUN_NAME
@@ -208,7 +208,7 @@ def _behind(folder: Path, manifest: Manifest) -> Iterator[str]:
     own = manifest_sha256(folder)
     for path in (folder.parent / name for name in _runs_of(folder.parent, manifest.line.name)):
         with suppress(RecordError, OSError):
-            if path.name == folder.name or manifest.run.encode() not in read_foreign(
+            if path.name == folder.name or manifest.run.encode() not in read_regular(
                 path / NAME, Kind.MANIFEST
             ):
                 continue

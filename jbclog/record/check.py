@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.errors import RecordError, unexpected_error_text
-from jbclog.core.foreign.files import DEEPEST, is_plain_folder
+from jbclog.core.files import DEEPEST, is_plain_folder
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
 from jbclog.core.text import count_text, shortened
 from jbclog.record import capture, chains, sealed_files

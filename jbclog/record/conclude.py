@@ -19,9 +19,9 @@ import pyarrow.compute as pc
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.files import Kind, open_regular, read_regular
 from jbclog.core.foreign.tables import metadata_of, open_table
+from jbclog.core.json_files import json_of
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
@@ -106,7 +106,7 @@ def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     """
     found: dict[str, Lease] = {}
     try:
-        lines = read_foreign(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
+        lines = read_regular(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return found, ""
     except (OSError, ValueError) as error:
@@ -448,7 +448,7 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
 
 
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
-    with open_foreign(path, Kind.RECORD) as file:
+    with open_regular(path, Kind.RECORD) as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return SealedFile(path.relative_to(folder).as_posix(), rows, path.stat().st_size, digest)
 

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign, why_link_hangs
-from jbclog.core.foreign.json_reader import decoder, expect_period, expect_time
+from jbclog.core.files import Kind, expect_answer, read_regular, why_link_hangs
+from jbclog.core.json_files import decoder, expect_period, expect_time
 from jbclog.core.locks import is_held
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
@@ -309,7 +309,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         return Unreadable(folder, hangs)
     path = folder / NAME
     try:
-        data = read_foreign(path, Kind.MANIFEST)
+        data = read_regular(path, Kind.MANIFEST)
         if wanted.had_ended(data):
             return None
         changed = why_changed(data)

@@ -12,9 +12,9 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import Problems, RecordError
-from jbclog.core.foreign.files import NotReadable, entries_below, expect_answer
-from jbclog.core.foreign.toml_reader import parse, read_text
+from jbclog.core.files import NotReadable, entries_below, expect_answer
 from jbclog.core.rows import StationFacts
+from jbclog.core.toml import parse, read_text
 
 FOLDER: Final = "recipes"
 # added after sealing; never part of the record

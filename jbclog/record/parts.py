@@ -25,9 +25,9 @@ import pyarrow.parquet as pq
 
 from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, NotReadable, is_plain_folder, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import Kind, NotReadable, is_plain_folder, read_regular
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.rows import TABLES
 from jbclog.core.text import count_text
 from jbclog.record.schema import FIRST_IN, SCHEMAS, TEXT, lacking_in, with_columns
@@ -84,7 +84,7 @@ def note_damage(folder: Path, found: Iterable[Damage]) -> None:
 def read_damage(folder: Path) -> list[Damage]:
     try:
         lines = (
-            read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
+            read_regular(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
         )
     except FileNotFoundError:
         return []

@@ -20,7 +20,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import Problems, RecordError, Unsafe
-from jbclog.core.foreign.files import expect_answer, why_link_hangs
+from jbclog.core.files import expect_answer, why_link_hangs
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
 from jbclog.core.text import count_text

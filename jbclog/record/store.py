@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.database import Database, NotAStore, open_database
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.database import Database, NotAStore, open_database
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.record.batches import MOST_PACKED, Batch
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
-from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
+from jbclog.core.files import GIB, KIB, LIMITS, MIB, Kind
 from support.campaigns.each_row import each_row
 from support.readers.command_line import calls, wrong
 from support.readers.texts import DOCS, FENCE, ROOT, text_of

@@ -16,8 +16,8 @@ from shutil import copytree
 import pyarrow as pa
 import pytest
 
+from jbclog.core.files import NotReadable
 from jbclog.core.foreign import parquet_pages
-from jbclog.core.foreign.files import NotReadable
 from jbclog.core.foreign.parquet_pages import BYTES_A_PAGE, FREE_PAGES
 from jbclog.core.foreign.parquet_sizes import sizes_of
 from jbclog.core.foreign.tables import GROUP_BYTES, open_table, read_small

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from jbclog.config.line import load_line, parse_line
 from jbclog.config.load_recipe import load_recipe, parse_recipe
 from jbclog.core.errors import Problems
-from jbclog.core.foreign.toml_reader import MAX_BYTES, MAX_ENTRIES, MAX_PROBLEMS
+from jbclog.core.toml import MAX_BYTES, MAX_ENTRIES, MAX_PROBLEMS
 
 SECONDS = 0.2
 BYTES = 64 * 1024 * 1024

@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import Final
 
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.files import ANSWERS_S
+from jbclog.core.files import ANSWERS_S
 from jbclog.core.text import clean, shortened
 
 ENDPOINT: Final = "AWS_ENDPOINT_URL"

@@ -21,7 +21,7 @@ from urllib.parse import unquote
 from jbclog.analysis.store.checkpoints import expect_bounded
 from jbclog.analysis.store.endpoint import CREDENTIALS, expect_list
 from jbclog.core.errors import StoreError, UsageError
-from jbclog.core.foreign.files import (
+from jbclog.core.files import (
     Kind,
     NotReadable,
     expect_answer,

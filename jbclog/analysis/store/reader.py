@@ -36,7 +36,7 @@ from jbclog.analysis.store.schema import (
 )
 from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError, StoreError
-from jbclog.core.foreign.files import NotReadable, is_name
+from jbclog.core.files import NotReadable, is_name
 from jbclog.core.foreign.values import expect_values
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
 

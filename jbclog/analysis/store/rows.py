@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from jbclog.analysis.store.data_files import FILES
-from jbclog.core.foreign.files import MIB, NotReadable
+from jbclog.core.files import MIB, NotReadable
 from jbclog.core.foreign.tables import batches_in, written_out
 from jbclog.core.foreign.values import expect_values
 

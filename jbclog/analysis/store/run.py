@@ -22,7 +22,7 @@ from jbclog.analysis.store.reader import Published, Store
 from jbclog.analysis.store.schema import OWN
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import is_name
+from jbclog.core.files import is_name
 from jbclog.record.manifest import NAME as MANIFEST
 
 

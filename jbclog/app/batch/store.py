@@ -23,9 +23,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from jbclog.core.database import Database, open_database
 from jbclog.core.durable_files import sync_folder
-from jbclog.core.foreign.database import Database, open_database
-from jbclog.core.foreign.files import LIMITS, Kind, expect_regular, read_foreign
+from jbclog.core.files import LIMITS, Kind, expect_regular, read_regular
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0
@@ -158,5 +158,5 @@ def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) ->
 
 def _old_text(path: Path) -> str | None:
     with contextlib.suppress(OSError):
-        return read_foreign(path, Kind.JOURNAL).decode(errors="replace")
+        return read_regular(path, Kind.JOURNAL).decode(errors="replace")
     return None

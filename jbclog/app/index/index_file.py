@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog import __version__
-from jbclog.core.foreign.database import ENDINGS, Database, open_database
-from jbclog.core.foreign.files import LIMITS, MIB, Kind, NotReadable, expect_regular
+from jbclog.core.database import ENDINGS, Database, open_database
+from jbclog.core.files import LIMITS, MIB, Kind, NotReadable, expect_regular
 
 NAME: Final = "runs-1.sqlite"  # the number is the version of the table
 COLUMNS: Final = {"entries": ("place", "kind", "run", "stamp", "data", "sum")}

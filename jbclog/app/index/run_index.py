@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar, get_type_hints
 import msgspec
 
 from jbclog.app.index.index_file import DIGEST, NAME, IndexFile, cache_folder
-from jbclog.core.foreign.files import why_link_hangs
+from jbclog.core.files import why_link_hangs
 from jbclog.core.rows import TABLES
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT

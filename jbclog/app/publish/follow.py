@@ -16,7 +16,7 @@ from typing import Final
 from jbclog.app.publish.folder import Skipped, publish_all
 from jbclog.app.publish.publisher import Outcome, Publisher
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.files import entries_below, why_link_hangs
+from jbclog.core.files import entries_below, why_link_hangs
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.manifest import NAME as MANIFEST
 

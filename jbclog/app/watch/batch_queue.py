@@ -16,8 +16,8 @@ from jbclog.app.batch.single_batch import LOCK
 from jbclog.app.batch.state import Attempt, BatchState, JobState, State, batch_state
 from jbclog.app.batch.store import MOST_ROWS, NAME
 from jbclog.config.durations import span_s
-from jbclog.core.foreign.files import LIMITS, Kind
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import LIMITS, Kind
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.text import clean
 from jbclog.live.follower import is_run

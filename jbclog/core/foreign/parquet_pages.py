@@ -11,7 +11,7 @@ from functools import lru_cache
 from itertools import islice
 from typing import BinaryIO, Final, NamedTuple
 
-from jbclog.core.foreign.files import MIB, NotReadable
+from jbclog.core.files import MIB, NotReadable
 from jbclog.core.foreign.parquet_footer import STRUCT, ColumnChunk, RowGroup, ThriftReader
 
 MAGIC: Final = b"PAR1"

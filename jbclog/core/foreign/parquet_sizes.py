@@ -14,7 +14,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import BinaryIO, Final
 
-from jbclog.core.foreign.files import MIB, NotReadable
+from jbclog.core.files import MIB, NotReadable
 from jbclog.core.foreign.parquet_footer import TEXT, TEXTS, ColumnChunk, RowGroup, groups_in
 from jbclog.core.foreign.parquet_pages import (
     CODES,

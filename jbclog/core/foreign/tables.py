@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_opened, open_foreign
+from jbclog.core.files import MIB, Kind, NotReadable, expect_opened, open_regular
 from jbclog.core.foreign.parquet_footer import (
     MOST_ITEMS,
     TEXTS,
@@ -61,7 +61,7 @@ def open_table(
 
     Texts in the columns `coded` are read as dictionaries, in a fifth of the time.
     """
-    with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
+    with open_regular(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(footer_of(data))
         try:
             file = _parquet(  # by descriptor: another file may have its name by now

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.core.foreign.toml_reader import KeyPath, KeyScan, Lost, TooLarge
+from jbclog.core.toml import KeyPath, KeyScan, Lost, TooLarge
 
 
 def scanned(text: str) -> KeyScan:

@@ -12,18 +12,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.core.foreign.database import NotAStore, open_database
-from jbclog.core.foreign.files import (
+from jbclog.core.database import NotAStore, open_database
+from jbclog.core.files import (
     LIMITS,
     LINES,
     Kind,
     NotReadable,
-    open_foreign,
+    open_regular,
     plain_files,
-    read_foreign,
+    read_regular,
 )
-from jbclog.core.foreign.json_reader import expect_moment, json_of
 from jbclog.core.foreign.tables import GROUP_BYTES, MIB, open_table, read_small
+from jbclog.core.json_files import expect_moment, json_of
 from jbclog.record.parts import ROWS_A_GROUP, write_part
 from support.campaigns.each_row import each_row
 from support.faults import bombs
@@ -46,7 +46,7 @@ def test_what_is_no_file_is_named_and_not_opened(tmp_path: Path, what: str) -> N
     else:
         MADE[what](path)
     with pytest.raises(NotReadable, match=f"^is {what}, not a file$"):
-        read_foreign(path, Kind.MANIFEST)
+        read_regular(path, Kind.MANIFEST)
 
 
 @pytest.mark.parametrize("what", ["a pipe", "a link"])
@@ -67,9 +67,9 @@ def test_a_link_that_the_user_names_leads_to_a_file_and_to_nothing_else(tmp_path
     (tmp_path / "file").write_bytes(b"x")
     (tmp_path / "link").symlink_to("file")
     (tmp_path / "zero").symlink_to("/dev/zero")
-    assert read_foreign(tmp_path / "link", Kind.SETTINGS, links=True) == b"x"
+    assert read_regular(tmp_path / "link", Kind.SETTINGS, links=True) == b"x"
     with pytest.raises(NotReadable, match="is a device"):
-        read_foreign(tmp_path / "zero", Kind.SETTINGS, links=True)
+        read_regular(tmp_path / "zero", Kind.SETTINGS, links=True)
 
 
 @pytest.mark.parametrize("kind", Kind)
@@ -77,19 +77,19 @@ def test_each_kind_has_its_limit(tmp_path: Path, kind: Kind) -> None:
     path = tmp_path / "x"
     with path.open("wb") as file:
         file.truncate(LIMITS[kind])
-    open_foreign(path, kind).close()
+    open_regular(path, kind).close()
     os.truncate(path, LIMITS[kind] + 1)
     with pytest.raises(NotReadable, match=str(LIMITS[kind])):
-        open_foreign(path, kind)
+        open_regular(path, kind)
 
 
 @pytest.mark.parametrize("kind", LINES)
 def test_lines_have_a_limit_as_well(tmp_path: Path, kind: Kind) -> None:
     (tmp_path / "x").write_bytes(b"\n" * LINES[kind])
-    read_foreign(tmp_path / "x", kind)
+    read_regular(tmp_path / "x", kind)
     (tmp_path / "x").write_bytes(b"\n" * (LINES[kind] + 1))
     with pytest.raises(NotReadable, match="lines"):
-        read_foreign(tmp_path / "x", kind)
+        read_regular(tmp_path / "x", kind)
 
 
 # -- numbers ---------------------------------------------------------------------------------------

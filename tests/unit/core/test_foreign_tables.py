@@ -14,8 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from jbclog.core.files import NotReadable
 from jbclog.core.foreign import parquet_pages, tables
-from jbclog.core.foreign.files import NotReadable
 from jbclog.core.foreign.parquet_footer import (
     BINARY,
     BYTE,

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import jbclog
-from jbclog.core.foreign.json_reader import MOST_OBJECTS, MOST_VALUES, builder, decoder, json_of
+from jbclog.core.json_files import MOST_OBJECTS, MOST_VALUES, builder, decoder, json_of
 from support.campaigns.each_row import each_row
 
 PACKAGE = Path(jbclog.__file__).parent
@@ -129,9 +129,9 @@ def test_two_threads_never_describe_a_type_at_once() -> None:
         tree = ast.parse(text)
         functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
         later = {id(call) for function in functions for call in calls(function, DESCRIBE | CONVERT)}
-        found = [call for call in calls(tree, DESCRIBE) if path.name != "json_reader.py"]
+        found = [call for call in calls(tree, DESCRIBE) if path.name != "json_files.py"]
         assert [call.lineno for call in found if id(call) in later] == [], path
-        assert path.name == "json_reader.py" or not list(calls(tree, CONVERT)), path
+        assert path.name == "json_files.py" or not list(calls(tree, CONVERT)), path
         described += len(found)
     assert described >= 16
 

@@ -12,9 +12,9 @@ import pytest
 from jbclog.app.index.index_file import IndexFile
 from jbclog.app.index.run_index import RunIndex
 from jbclog.app.watch.past_runs import past_runs
+from jbclog.core import files
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign import files
-from jbclog.core.foreign.files import expect_answer
+from jbclog.core.files import expect_answer
 from jbclog.record.chains import previous_run
 from jbclog.record.find_runs import Found, Unreadable, find
 from jbclog.record.folder import create_run

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbclog.core.foreign import files
+from jbclog.core import files
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import is_held
 from jbclog.guard import lease, open_leases

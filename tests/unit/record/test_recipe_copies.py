@@ -11,7 +11,7 @@ from shutil import copytree
 import pytest
 
 from jbclog.core.errors import Problems
-from jbclog.core.foreign.files import NotReadable
+from jbclog.core.files import NotReadable
 from jbclog.record.folder import joints_asked, recipe_copies, recipe_copy
 from jbclog.record.manifest import read_manifest
 from support.invoked import invoked

@@ -29,8 +29,8 @@ from jbclog.app.batch.state import Entry, EntryKind, State, batch_state
 from jbclog.app.batch.store import NAME, OLD_JOURNAL, BatchStore
 from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
+from jbclog.core.database import Database
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
-from jbclog.core.foreign.database import Database
 from support.command import BENCH, PROFILES
 
 NIGHT = 1_790_000_000.0

@@ -245,7 +245,7 @@ def expect_opened(descriptor: int, kind: Kind) -> int:
     return _size(os.fstat(descriptor), kind)
 
 
-def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
+def open_regular(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
     """Open the regular file at `path` for reading. Raises OSError as `expect_regular` does.
 
     Checks the file before and after opening, because it may be replaced in between.
@@ -300,11 +300,11 @@ def cut_blank_end(path: Path, kind: Kind) -> None:
         os.close(descriptor)
 
 
-def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
+def read_regular(path: Path, kind: Kind, *, links: bool = False) -> bytes:
     """Read the regular file at `path`. Raises OSError as `expect_regular` does, also if the file
     grows beyond its limit.
     """
-    with open_foreign(path, kind, links=links) as file:
+    with open_regular(path, kind, links=links) as file:
         size = os.fstat(file.fileno()).st_size
         data = file.read(size + 1)  # a buffer of the limit's size would take longer than the file
         if len(data) > size:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from jbclog.core.foreign.files import Kind, expect_regular
+from jbclog.core.files import Kind, expect_regular
 
 ENDINGS: Final = ("-wal", "-shm", "-journal")
 # for one statement; an hour of 250 stations takes less than one second

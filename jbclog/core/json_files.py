@@ -14,7 +14,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.quantities import LARGEST, WHOLE
 
 T = TypeVar("T")
@@ -54,7 +54,7 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
 
 def read_json(path: Path, kind: Kind, *, in_utf8: bool = False) -> Any:
     """Read and parse the file at `path`. Raises OSError or ValueError."""
-    return json_of(read_foreign(path, kind), in_utf8=in_utf8)
+    return json_of(read_regular(path, kind), in_utf8=in_utf8)
 
 
 def _whole(text: str) -> int:

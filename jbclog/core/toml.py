@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
+from jbclog.core.files import LIMITS, Kind, read_regular
 from jbclog.core.quantities import LARGEST, WHOLE
 
 # tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys
@@ -331,10 +331,10 @@ def dotted(key: KeyPath) -> str:
 
 def read_text(path: Path, *, links: bool = True) -> str:
     """Read a file. Raises Problems if it is not a regular file, too large or not UTF-8; `links` as
-    in `open_foreign`.
+    in `open_regular`.
     """
     try:
-        data = read_foreign(path, Kind.SETTINGS, links=links)
+        data = read_regular(path, Kind.SETTINGS, links=links)
     except OSError as error:
         raise Problems([Problem(str(path), None, "", error.strerror or str(error))]) from error
     except ValueError as error:  # a NUL in the name
