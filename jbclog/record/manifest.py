@@ -175,12 +175,22 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: path in the folder, rows (None: no table), size, hash."""
+    """A file of the run: path in the folder, rows (None: no table), size, hash.
+
+    Of a part also length and hash of its footer, from the first byte of its metadata to the end of
+    the file; None for other files, and in manifests of 0.1.0.
+    """
 
     path: str
     rows: int | None
     bytes: int
     sha256: str
+    footer_bytes: int | None = None
+    footer_sha256: str | None = None
+
+    def in_report(self) -> dict[str, object]:
+        """Return what a report repeats of the entry."""
+        return {"path": self.path, "rows": self.rows, "bytes": self.bytes, "sha256": self.sha256}
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-import pyarrow as pa
-
 from jbclog.core.errors import Problems, RecordError, Unsafe
 from jbclog.core.files import expect_answer, why_link_hangs
 from jbclog.core.locks import FolderLock, commit_status
@@ -102,7 +100,7 @@ def set_parts_aside(folder: Path, manifest: Manifest) -> None:
 def _unreadable(path: Path) -> str | None:
     try:
         read_through(path)
-    except (pa.ArrowException, OSError, RecordError) as error:
+    except (OSError, RecordError) as error:
         return f"cannot be read: {sealed_files.portable(error, path)}"
     return None
 

@@ -10,8 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
+from jbclog.analysis.store.parquet_sizes import sizes_of
 from jbclog.core.files import MIB, Kind, NotReadable, open_regular, read_regular
-from jbclog.core.foreign.parquet_sizes import sizes_of
 
 WHOLE: Final = re.compile(r"\d{20}\.checkpoint\.parquet")
 FREE_ROWS: Final = 10_000

@@ -16,11 +16,11 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 from urllib.parse import unquote
 
+from jbclog.analysis.store.parquet_sizes import GroupSize, sizes_of
 from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.schema import DATA, RUNS
 from jbclog.core.errors import StoreError
 from jbclog.core.files import MIB, Kind, NotReadable, open_regular
-from jbclog.core.foreign.parquet_sizes import GroupSize, sizes_of
 
 FILES: Final = "files"  # column of `runs` with the small files, read for one run at a time
 AT_ONCE: Final = 256 * MIB

@@ -34,10 +34,10 @@ from jbclog.analysis.store.schema import (
     SCHEMA,
     schema_of,
 )
+from jbclog.analysis.store.values import expect_values
 from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError, StoreError
 from jbclog.core.files import NotReadable, is_name
-from jbclog.core.foreign.values import expect_values
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbclog.core.foreign.parquet_footer import (
+from jbclog.analysis.store.parquet_footer import (
     BINARY,
     BYTE,
     DOUBLE,

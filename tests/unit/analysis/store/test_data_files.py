@@ -14,11 +14,11 @@ import pytest
 
 import jbclog
 from jbclog.analysis.store import data_files, rows
+from jbclog.analysis.store.parquet_sizes import sizes_of
 from jbclog.analysis.store.place import place_of
 from jbclog.analysis.store.reader import Store
 from jbclog.app.publish.upkeep import compact
 from jbclog.core.errors import RecordError, StoreError
-from jbclog.core.foreign.parquet_sizes import sizes_of
 from support.faults.store_bombs import WORD, data_file, told
 
 ROWS = 300
