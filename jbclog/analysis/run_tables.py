@@ -160,19 +160,28 @@ def arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
 def _time_bounds(
     part: Path, seal: SealedFile | None
 ) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
-    """Return the first and last time in a part; None if its footer has none. Raises
-    `RecordError`.
+    """Return the first and last time in a part: of a sealed one from its footer, of another from
+    the column. None if it has none. Raises `RecordError`.
     """
     with open_part(part, seal) as opened:
-        bounds = [bound for bound in opened.bounds("time") if bound is not None]
-        if not bounds or len(bounds) < opened.num_row_groups:
-            return None, None
+        if seal is None:
+            bounds = [_bounds_in(rows["time"]) for rows in opened.groups(["time"])]
+        else:
+            bounds = opened.bounds("time")
+    known = [bound for bound in bounds if bound is not None]
+    if not known or len(known) < len(bounds):
+        return None, None
     try:
-        first = pd.Timestamp(min(least for least, _ in bounds), unit="us", tz=UTC)
-        last = pd.Timestamp(max(most for _, most in bounds), unit="us", tz=UTC)
+        first = pd.Timestamp(min(least for least, _ in known), unit="us", tz=UTC)
+        last = pd.Timestamp(max(most for _, most in known), unit="us", tz=UTC)
     except (ValueError, OverflowError):  # beyond the range of a Timestamp
         return None, None
     return first, last
+
+
+def _bounds_in(times: pa.ChunkedArray) -> tuple[int, int] | None:
+    bounds = pc.min_max(times.cast(pa.int64())).as_py()
+    return None if bounds["min"] is None else (bounds["min"], bounds["max"])
 
 
 class RunTables:
@@ -474,7 +483,7 @@ class RunTables:
             seals: Seals = NO_SEALS
             if manifest.is_sealed:
                 seals = seals_of(self.folder, manifest, selection.table, parts)
-            numbers = store.numbers_of(selection.table, parts_through(parts))
+            numbers = store.numbers_of(selection.table, parts_through(parts, seals))
             live: Iterator[pa.Table] = (
                 selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers)
             )

@@ -145,14 +145,14 @@ def through(folder: Path, table: str) -> int:
     return parts_through(part_paths(folder, table))
 
 
-def parts_through(parts: list[Path]) -> int:
+def parts_through(parts: list[Path], seals: Seals = NO_SEALS) -> int:
     """As `through`, for parts listed before."""
-    return part_through(parts[-1]) if parts else 0
+    return part_through(parts[-1], seals.get(parts[-1])) if parts else 0
 
 
-def part_through(path: Path) -> int:
+def part_through(path: Path, seal: SealedFile | None = None) -> int:
     """Return the number of the last batch in a part. Raises `RecordError` if it is not readable."""
-    with open_part(path) as part:
+    with open_part(path, seal) as part:
         last = (part.metadata.metadata or {}).get(THROUGH, b"")
     if not re.fullmatch(rb"[0-9]{1,19}", last):
         problem = f"is {last!r:.40}, no number" if last else "is missing"
