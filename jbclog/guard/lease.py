@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import time
 import zlib
 from collections.abc import Iterable, Iterator
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.files import Kind, read_regular, why_hangs, why_link_hangs
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
@@ -26,7 +27,7 @@ LOCK: Final = "guard.lock"
 LOCK_RETRY_S: Final = 0.02
 REGISTRY: Final = "jbclog/open-leases"
 NOT_THERE: Final = (
-    "{target} is not there, and its disk may not be mounted (if you removed it, remove {link}, too)"
+    "{folder} is not there, and its disk may not be mounted (if you removed it, remove {link}, too)"
 )
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
@@ -172,14 +173,14 @@ def _locked(folder: Path, end: float) -> int:
 
 # The registry is a folder in the user's state folder, with a link to each run that holds a lease,
 # so that a later start finds runs anywhere (`--out`). It may be incomplete, for example without a
-# home folder; the lease in the run's folder is authoritative. A run whose disk is not mounted is
-# not forgotten: its tools may be hot.
+# home folder; the lease in the run's folder is authoritative. A run whose folder is not there is
+# named and never forgotten: its disk may not be mounted, and its tools may be hot. Only a person
+# knows that it was removed, and removes its link.
 
 
 class Leases(NamedTuple):
     """The folders of runs with open leases: `there`; and `away`, each with the reason, those that
-    may have one and cannot be looked at, as on a disk that is not mounted, or a network mount that
-    hangs.
+    may have one and cannot be looked at, as on a disk that is not mounted.
     """
 
     there: list[Path]
@@ -187,44 +188,49 @@ class Leases(NamedTuple):
 
 
 def registered_runs() -> Leases:
-    """Return the folders of runs with open leases; forget those whose disk is there without
-    them.
-    """
-    registry, found = _registry(), Leases([], [])
-    for link in [] if registry is None else _inside(registry):
+    """Return the folders of the runs in the registry."""
+    runs = Leases([], [])
+    registry = _registry()
+    if registry is None:
+        return runs
+    for link in _inside(registry):
         with suppress(OSError):
-            target = link.readlink()
-            why = _why_away(target)
-            if why is None and target.is_dir():
-                found.there.append(target)
-            elif why is None and _is_removed(target, link):
-                link.unlink(missing_ok=True)
+            folder = link.readlink()
+            why = _why_away(folder, link)
+            if why is None:
+                runs.there.append(folder)
             else:
-                found.away.append((target, why or NOT_THERE.format(target=target, link=link)))
-    return found
+                runs.away.append((folder, why))
+    return runs
+
+
+def _why_away(folder: Path, link: Path) -> str | None:
+    """Return why the folder of a run cannot be looked at; None if it can."""
+    try:
+        is_folder = stat.S_ISDIR(folder.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        is_folder = False
+    except OSError as error:
+        return f"{folder} cannot be looked at ({error.strerror or error})"
+    return None if is_folder else NOT_THERE.format(folder=folder, link=link)
 
 
 def runs_below(out: Path) -> Leases:
     """Return the folders of runs directly below `out` with open leases. A link may be one to a
     run's folder elsewhere.
     """
-    found = Leases([], [])
-    for folder, is_link in _entries(out):
+    runs = Leases([], [])
+    for folder in _entries(out):
         with suppress(OSError):
-            why = why_link_hangs(Path(folder)) if is_link else None
-            if why is not None:
-                found.away.append((Path(folder), why))
-            elif os.path.exists(f"{folder}/{NAME}"):  # noqa: PTH110  # a path for each takes longer
-                found.there.append(Path(os.path.realpath(folder)))
-    return found
+            if os.path.exists(f"{folder}/{NAME}"):  # noqa: PTH110  # a path for each takes longer
+                runs.there.append(Path(os.path.realpath(folder)))
+    return runs
 
 
-def _entries(out: Path) -> list[tuple[str, bool]]:
-    """Return what is in `out`, sorted, and whether it is a link. A start waits for this: there may
-    be ten thousand runs.
-    """
-    with suppress(OSError), os.scandir(out) as entries:
-        return sorted((entry.path, entry.is_symlink()) for entry in entries)
+def _entries(out: Path) -> list[str]:
+    """Return what is in `out`, sorted. A start waits for this: there may be ten thousand runs."""
+    with suppress(OSError):
+        return sorted(f"{out}/{name}" for name in os.listdir(out))  # noqa: PTH208  # ten thousand
     return []
 
 
@@ -232,19 +238,6 @@ def _inside(folder: Path) -> list[Path]:
     with suppress(OSError):
         return sorted(folder.iterdir())
     return []
-
-
-def _why_away(folder: Path) -> str | None:
-    """Return why `folder` cannot be looked at; None where it can, and where nothing is there."""
-    why = why_hangs(folder)
-    if why is None:
-        try:
-            folder.stat()
-        except (FileNotFoundError, NotADirectoryError):
-            return None
-        except OSError as error:
-            return f"{folder} cannot be looked at ({error.strerror or error})"
-    return why
 
 
 def _registry() -> Path | None:
@@ -261,41 +254,21 @@ def _register(folder: Path) -> None:
     registry = _registry()
     if registry is None:
         return
+    path = os.path.realpath(folder)
+    # the checksum separates runs of one name in two folders
+    name = f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"
     with suppress(OSError):
         registry.mkdir(parents=True, exist_ok=True, mode=0o700)
-        link = registry / f"{_link_name(folder)}.{_file_system(folder)}"
-        link.symlink_to(os.path.realpath(folder))
+        (registry / name).symlink_to(path)
 
 
 def _unregister(folder: Path) -> None:
-    registry, name = _registry(), _link_name(folder)
-    for link in [] if registry is None else _inside(registry):
-        if name in (link.stem, link.name):  # the latter of earlier versions
-            with suppress(OSError):
+    """Remove every link to the run, whatever its name."""
+    registry = _registry()
+    if registry is None:
+        return
+    path = Path(os.path.realpath(folder))
+    for link in _inside(registry):
+        with suppress(OSError):
+            if link.readlink() == path:
                 link.unlink(missing_ok=True)
-
-
-def _link_name(folder: Path) -> str:
-    """Return the name of a run's link without its file system; the checksum separates runs of one
-    name in two folders.
-    """
-    path = os.path.realpath(folder)
-    return f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"
-
-
-def _is_removed(target: Path, link: Path) -> bool:
-    """Whether the file system that held the run's folder is still there, without the folder. Its
-    number is the end of the link's name; elsewhere, as at the point where a disk is not mounted,
-    there is another file system.
-    """
-    with suppress(OSError):
-        above = next(folder for folder in target.parents if folder.is_dir())
-        return link.suffix == f".{_file_system(above)}"
-    return False
-
-
-def _file_system(folder: Path) -> str:
-    """Return the number of the file system, which a restart does not change on most; that of its
-    device where it has none, as on a share. Raises OSError.
-    """
-    return f"{os.statvfs(folder).f_fsid or folder.stat().st_dev:x}"
