@@ -33,10 +33,7 @@ NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by -
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder. Raises `RecordError` if its mount does not answer."""
-    from jbclog.core.files import expect_answer  # not imported by --help
-
-    expect_answer(path)
+    """Return whether `path` is a folder."""
     try:
         return path.is_dir()
     except OSError:
@@ -44,7 +41,7 @@ def is_folder(path: Path) -> bool:
 
 
 def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder or a store of runs. Raises as `is_folder`."""
+    """Return whether `path` is a folder or a store of runs."""
     from jbclog.analysis.store.place import is_store  # not imported by --help
 
     return is_store(path) or is_folder(path)

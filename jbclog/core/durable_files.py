@@ -117,7 +117,7 @@ def line_of(fields: Mapping[str, object]) -> bytes:
 
 def fields_of(line: bytes) -> dict[str, object]:
     """Parse a line and drop its hash. Raises ValueError."""
-    fields = json_of(line, in_utf8=True)
+    fields = json_of(line)
     if not isinstance(fields, dict) or "sha256" not in fields:
         raise ValueError("no chained line")
     return {name: value for name, value in fields.items() if name != "sha256"}

@@ -9,128 +9,14 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import stat
-import sys
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import StrEnum
-from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
-
-from jbclog.core.errors import RecordError
-
-# A call on a hanging network mount cannot be interrupted, not even by a signal. So a child process
-# first examines a folder that the user names, if it is on a network mount. A mount that hangs later
-# is not detected.
-
-ANSWERS_S: Final = 5.0
-MOUNTS: Final = Path("/proc/self/mountinfo")
-REMOTE: Final = re.compile(
-    r"nfs\d?|cifs|smb\w*|9p|afs|ceph|lustre|gluster\w*|davfs|fuse(\..*)?|autofs"
-)
-LOOK: Final = "import os, sys; os.scandir(sys.argv[1]).close()"
-MOST_LINKS: Final = 40
-
-
-def expect_answer(folder: Path) -> None:
-    """Raise `RecordError` where `folder`'s network mount does not answer within `ANSWERS_S`."""
-    if _remote_folder(folder) is not None:
-        _ask(folder)
-
-
-def why_hangs(path: Path) -> str | None:
-    """Return a sentence where `path` is on a network mount that hangs; else None. Each folder is
-    asked once a minute: one of runs can have thousands of links into another.
-    """
-    folder = _remote_folder(path)
-    return None if folder is None else _why_hangs(folder, int(time.monotonic() // 60))
-
-
-def why_link_hangs(path: Path) -> str | None:
-    """Return the same for a link; None for what is none."""
-    with suppress(OSError):
-        return why_hangs(path) if path.is_symlink() else None
-    return None
-
-
-@lru_cache
-def _why_hangs(folder: Path, _minute: int) -> str | None:
-    try:
-        _ask(folder)
-    except RecordError as error:
-        return str(error)
-    return None
-
-
-def _ask(folder: Path) -> None:
-    import subprocess  # a guard loads it for nothing else
-
-    from jbclog.core.children import kill
-
-    child = subprocess.Popen(
-        [sys.executable, "-I", "-S", "-c", LOOK, str(folder)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    try:
-        child.wait(ANSWERS_S)
-    except subprocess.TimeoutExpired:
-        kill(child, 0.0)  # it ends when the mount answers
-        raise RecordError(
-            f"{folder} does not answer within {ANSWERS_S:g} s: its network mount hangs"
-        ) from None
-
-
-def _remote_folder(path: Path) -> Path | None:
-    """Return the folder of what `path` leads to, or a mount itself, where that is on a network
-    mount; touches nothing below one.
-    """
-    mounts = _remote_mounts()
-    left, links = [*path.absolute().parts[1:]][::-1], 0
-    here = Path("/")
-    while mounts and left:
-        here = Path(os.path.normpath(here / left.pop()))
-        if here in mounts:
-            # not the mount alone: what an automounter has mounted below it hangs by itself
-            there = Path(os.path.normpath(here.joinpath(*left[::-1])))
-            return there if there in mounts else there.parent
-        try:
-            target = here.readlink()
-        except OSError:
-            continue
-        links += 1
-        if links > MOST_LINKS:
-            return None
-        left += [*target.parts[1 if target.is_absolute() else 0 :]][::-1]
-        here = Path("/") if target.is_absolute() else here.parent
-    return None
-
-
-def _remote_mounts() -> set[Path]:
-    """Return the mount points of network mounts; empty if the system does not list them."""
-    try:
-        lines = MOUNTS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
-    except OSError:
-        return set()
-    mounts = (line.partition(" - ") for line in lines)
-    return {
-        _place(before.split()[4])
-        for before, _, behind in mounts
-        if REMOTE.fullmatch(behind.split(" ")[0])
-    }
-
-
-def _place(text: str) -> Path:
-    """Decode a mount point; blanks in it are octal escapes."""
-    return Path(re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), text))
-
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.files import Kind, expect_answer, read_regular
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.rows import EventRow
 from jbclog.core.text import count_text
 from jbclog.record.folder import LETTERS, RUN_NAME
@@ -146,9 +146,8 @@ def digits(typed: str) -> int:
 
 def previous_run(out: Path, line: str, own: Path | None = None) -> Previous:
     """Return the previous run for a new run of `line` below `out`, or for the one in the folder
-    `own`. Raises RecordError if the network mount of `out` hangs.
+    `own`.
     """
-    expect_answer(out)
     others = [name for name in _runs_of(out, line) if own is None or name != own.name]
     for folder in (out / name for name in reversed(others)):
         with suppress(RecordError, OSError):

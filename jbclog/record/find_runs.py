@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.files import Kind, expect_answer, read_regular, why_link_hangs
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.json_files import decoder, expect_period, expect_time
 from jbclog.core.locks import is_held
 from jbclog.core.rows import SCHEMA_VERSION
@@ -304,9 +304,6 @@ def copies_texts(copies: Sequence[Copy]) -> list[str]:
 
 def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     """Read a run's manifest; None if its bytes show that it does not match."""
-    hangs = why_link_hangs(folder)
-    if hangs is not None:
-        return Unreadable(folder, hangs)
     path = folder / NAME
     try:
         data = read_regular(path, Kind.MANIFEST)
@@ -378,7 +375,6 @@ def runs_in(folder: Path) -> list[Path]:
     """Return the runs' folders directly below `folder` by name, or `folder` itself if it is one.
     Raises RecordError.
     """
-    expect_answer(folder)
     try:
         if RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name) or (folder / NAME).exists():
             return [folder]
@@ -388,11 +384,10 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def _is_run(home: Path, name: str) -> bool:
-    """Whether it is a run's folder, by its name or, if renamed, by its content; or if it leads to a
-    network mount that hangs. A folder of another name that may not be entered is none: a disk has
-    `lost+found`.
+    """Whether it is a run's folder, by its name or, if renamed, by its content. A folder of another
+    name that may not be entered is none: a disk has `lost+found`.
     """
-    if RUN_NAME.fullmatch(name) or why_link_hangs(home / name) is not None:
+    if RUN_NAME.fullmatch(name):
         return True
     with suppress(OSError):
         return (home / name / NAME).exists()

@@ -317,7 +317,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read a run's manifest. Raises RecordError if it is missing, invalid, or of a newer jbclog."""
     path = folder / NAME
     try:
-        data = read_json(path, Kind.MANIFEST, in_utf8=True)
+        data = read_json(path, Kind.MANIFEST)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(

@@ -29,7 +29,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar, get_type_hints
 import msgspec
 
 from jbclog.app.index.index_file import DIGEST, NAME, IndexFile, cache_folder
-from jbclog.core.files import why_link_hangs
 from jbclog.core.rows import TABLES
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT
@@ -162,8 +161,6 @@ class RunIndex:
         return self._places[folder]
 
     def _summary(self, place: bytes, path: Path, wanted: Filter) -> Found | Unreadable | None:
-        if why_link_hangs(path) is not None:
-            return summary_of(path, wanted)
         seen, name = (
             _look([f"{path}/{MANIFEST}", f"{path}/{ANNOTATIONS}"], len(str(path))),
             os.fsencode(path.name),
