@@ -210,7 +210,7 @@ NOT_FAST = {
         "test_terminal.py",
         "test_cpu_limit.py",
     ),
-    *("test_metrics_cache.py", "test_run_index.py", "test_index_file.py"),
+    "test_metrics_cache.py",
     "test_book.py",
     *("transport/test_reactor.py", "test_budget.py", "test_server.py", "test_connections.py"),
     *("test_progress.py", "batch/test_journal.py"),

@@ -201,6 +201,6 @@ def read_parquet(path: Path, kind: Kind) -> pa.Table:
     """Read a whole Parquet file that is no part of a run's tables. Raises `RecordError`."""
     try:
         with open_regular(path, kind) as file:
-            return pq.read_table(pa.BufferReader(file.read()))
+            return pq.ParquetFile(pa.BufferReader(file.read())).read(use_threads=False)
     except UNREADABLE as error:
         raise RecordError(f"{path} cannot be read: {error}") from error
