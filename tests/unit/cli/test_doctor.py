@@ -34,8 +34,10 @@ def said(*options: str, access: PortAccess | None = None) -> tuple[int, list[str
 def test_a_machine_where_everything_is_fine(place: Path) -> None:
     code, lines = said()
     assert code == 0
-    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 3
-    assert lines[2:] == ["fine     USB: no USB serial port is connected", "no findings"]
+    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 4
+    assert lines[2] == "fine     USB: no USB serial port is connected"
+    assert lines[3].startswith("fine     memory: commands that read records use at most ")
+    assert lines[4:] == ["no findings"]
     assert sorted(path.name for path in place.iterdir()) == ["line.toml"]
 
 
@@ -64,8 +66,8 @@ def test_json(place: Path) -> None:
     told = json.loads("\n".join(lines))
     assert code == 1
     assert told["fine"] is False
-    assert [one["kind"] for one in told["looked"]] == ["disk", "clock", "port.missing"]
-    assert [one["step"] is None for one in told["looked"]] == [True, True, False]
+    assert [one["kind"] for one in told["looked"]] == ["disk", "clock", "port.missing", "memory"]
+    assert [one["step"] is None for one in told["looked"]] == [True, True, False, True]
 
 
 def test_a_wrong_line_file_is_wrong_usage(place: Path) -> None:
