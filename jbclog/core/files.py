@@ -1,4 +1,4 @@
-"""Open untrusted files and folders without blocking.
+"""Open files and folders without blocking.
 
 Opens only regular files, up to the size limit of their kind. A pipe, a socket or a device is
 refused before it is opened, because opening it can block or have side effects. Inside a run's
@@ -74,12 +74,6 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
 pieces.
 """
 
-LINES: Final[Mapping[Kind, int]] = MappingProxyType(
-    {Kind.ANNOTATIONS: 20_000}
-    | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
-)
-"""Maximum number of lines of a kind: an empty line takes a hundred times its size in memory."""
-
 LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
 """Maximum length in bytes of a line that is read by itself."""
 
@@ -114,13 +108,13 @@ def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
 
 def _size(there: os.stat_result, kind: Kind) -> int:
     if not stat.S_ISREG(there.st_mode):
-        raise NotReadable(f"is {_what(there)}, not a file")
+        raise NotReadable(f"is {what_is(there)}, not a file")
     if there.st_size > LIMITS[kind]:
         raise NotReadable(f"has {there.st_size} bytes; {kind} has at most {LIMITS[kind]}")
     return there.st_size
 
 
-def _what(there: os.stat_result) -> str:
+def what_is(there: os.stat_result) -> str:
     return next((name for fits, name in _WHAT if fits(there.st_mode)), "no file")
 
 
@@ -195,8 +189,6 @@ def read_regular(path: Path, kind: Kind, *, links: bool = False) -> bytes:
             data += file.read(LIMITS[kind] + 1 - len(data))
     if len(data) > LIMITS[kind]:
         raise NotReadable(f"grows while it is read; {kind} has at most {LIMITS[kind]} bytes")
-    if kind in LINES and data.count(b"\n") > LINES[kind]:
-        raise NotReadable(f"has {data.count(10)} lines; {kind} has at most {LINES[kind]}")
     return data
 
 
@@ -235,26 +227,6 @@ def _long_line(file: BufferedReader, text: bytes) -> Line:
     return Line(None, found.hexdigest(), is_ended=bool(text))
 
 
-def plain_files(folder: Path) -> Iterator[Path]:
-    """Yield all files below `folder`; ignores a missing folder and files removed meanwhile. Raises
-    `NotReadable` for anything but regular files and folders, links included.
-    """
-    folders = [folder]
-    while folders:
-        here = folders.pop()
-        if os.path.lexists(here) and not is_plain_folder(here):
-            raise NotReadable(f"{here}: is not a folder of its own")
-        with suppress(FileNotFoundError), os.scandir(here) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    folders.append(here / entry.name)
-                elif entry.is_file(follow_symlinks=False):
-                    yield here / entry.name
-                else:
-                    what = _what(entry.stat(follow_symlinks=False))
-                    raise NotReadable(f"{entry.path}: is {what}, not a file")
-
-
 DEEPEST: Final = 4
 """Maximum depth of folders below a run's folder; a recorder makes one."""
 
@@ -276,15 +248,6 @@ def entries_below(folder: Path) -> Iterator[os.DirEntry[str]]:
                     if depth == DEEPEST:
                         raise NotReadable("it has more folders in one another than any run")
                     folders.append((entry.path, depth + 1))
-
-
-LONGEST_NAME: Final = 255
-
-
-def is_name(text: str) -> bool:
-    """Return True if an untrusted text can be the name of a file or folder."""
-    is_plain = text not in ("", ".", "..") and "/" not in text and "\0" not in text
-    return is_plain and len(text.encode(errors="replace")) <= LONGEST_NAME
 
 
 def is_plain_folder(path: Path) -> bool:

@@ -267,8 +267,7 @@ def _labels(data: _Bytes) -> Iterator[_Label | None]:
 
 def _places_of_heads(data: _Bytes) -> Iterator[int]:
     """Yield every place where a head may begin. Pieces overlap, so that none is cut in two."""
-    # no zeros: `find` steps over what cannot be part of it, and zeros are what large hostile files
-    # have
+    # no zeros: `find` steps over what cannot be part of it, and zeros are what a damaged disk has
     sought = FIXED[:4]
     for start in range(0, len(data), SEARCHED - len(sought) + 1):
         piece = data[start : start + SEARCHED]

@@ -20,13 +20,13 @@ from urllib.parse import unquote
 
 from jbclog.analysis.store.checkpoints import expect_bounded
 from jbclog.analysis.store.endpoint import CREDENTIALS, expect_list
+from jbclog.analysis.store.plain_files import plain_files
 from jbclog.core.errors import StoreError, UsageError
 from jbclog.core.files import (
     Kind,
     NotReadable,
     expect_regular,
     is_plain_folder,
-    plain_files,
 )
 from jbclog.core.text import clean, shortened
 from jbclog.record.folder import RUN_NAME
