@@ -74,6 +74,12 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
 pieces.
 """
 
+LINES: Final[Mapping[Kind, int]] = MappingProxyType(
+    {Kind.ANNOTATIONS: 20_000}
+    | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
+)
+"""Maximum number of lines of a kind: each is parsed."""
+
 LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
 """Maximum length in bytes of a line that is read by itself."""
 
@@ -189,6 +195,8 @@ def read_regular(path: Path, kind: Kind, *, links: bool = False) -> bytes:
             data += file.read(LIMITS[kind] + 1 - len(data))
     if len(data) > LIMITS[kind]:
         raise NotReadable(f"grows while it is read; {kind} has at most {LIMITS[kind]} bytes")
+    if kind in LINES and data.count(b"\n") > LINES[kind]:
+        raise NotReadable(f"has {data.count(10)} lines; {kind} has at most {LINES[kind]}")
     return data
 
 
