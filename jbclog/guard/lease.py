@@ -26,6 +26,8 @@ NEW: Final = "lease.json.new"  # until it is renamed
 LOCK: Final = "guard.lock"
 LOCK_RETRY_S: Final = 0.02
 REGISTRY: Final = "jbclog/open-leases"
+TRIAL: Final = ".trial-"
+NO_HOME: Final = "this user has no home folder"
 NOT_THERE: Final = (
     "{folder} is not there, and its disk may not be mounted (if you removed it, remove {link}, too)"
 )
@@ -171,11 +173,13 @@ def _locked(folder: Path, end: float) -> int:
         time.sleep(LOCK_RETRY_S)
 
 
-# The registry is a folder in the user's state folder, with a link to each run that holds a lease,
-# so that a later start finds runs anywhere (`--out`). It may be incomplete, for example without a
-# home folder; the lease in the run's folder is authoritative. A run whose folder is not there is
-# named and never forgotten: its disk may not be mounted, and its tools may be hot. Only a person
-# knows that it was removed, and removes its link.
+# The registry is a folder with a link to each run that holds a lease, so that a later start finds
+# runs anywhere (`--out`): in the user's state folder; where that cannot be written, in the runtime
+# folder, which a restart of the host empties. Where neither can, only the folder of runs itself is
+# left: the next run with the same `--out` finds the leases in the runs' folders. All are read. The
+# lease in the run's folder is authoritative. A run whose folder is not there is named and never
+# forgotten: its disk may not be mounted, and its tools may be hot. Only a person knows that it was
+# removed, and removes its link.
 
 
 class Leases(NamedTuple):
@@ -188,12 +192,9 @@ class Leases(NamedTuple):
 
 
 def registered_runs() -> Leases:
-    """Return the folders of the runs in the registry."""
+    """Return the folders of the runs in the registries."""
     runs = Leases([], [])
-    registry = _registry()
-    if registry is None:
-        return runs
-    for link in _inside(registry):
+    for link in _links():
         with suppress(OSError):
             folder = link.readlink()
             why = _why_away(folder, link)
@@ -240,35 +241,105 @@ def _inside(folder: Path) -> list[Path]:
     return []
 
 
-def _registry() -> Path | None:
-    state = os.environ.get("XDG_STATE_HOME", "")
-    try:
-        return (
-            Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state"
-        ) / REGISTRY
-    except RuntimeError:
+class Listing(NamedTuple):
+    """Where this user's open leases are listed: the registry that can be written, None if none can;
+    why each earlier one cannot; and whether it lasts beyond a restart of the host.
+    """
+
+    registry: Path | None
+    why_not: tuple[str, ...]
+    is_lasting: bool
+
+
+def listing(folder: Path) -> Listing:
+    """Return where a run in `folder` will be listed, by listing it and removing it again."""
+    name = f"{TRIAL}{os.getpid()}"
+    found = _list(folder, name)
+    if found.registry is not None:
+        with suppress(OSError):
+            (found.registry / name).unlink(missing_ok=True)
+    return found
+
+
+def families_leased(besides: Path | None = None) -> set[str] | None:
+    """Return the families of this user's listed leases, except those of the run in `besides`; None
+    if one of them may be missing.
+    """
+    if _state() is None and not _runtime().is_dir():
         return None
+    runs = registered_runs()
+    if runs.away:
+        return None
+    own = None if besides is None else os.path.realpath(besides)
+    families: set[str] = set()
+    for folder in runs.there:
+        if os.path.realpath(folder) == own:
+            continue
+        leases, wrong = _read(folder)
+        if wrong:
+            return None
+        families |= {station.family for station in leases}
+    return families
 
 
 def _register(folder: Path) -> None:
-    registry = _registry()
-    if registry is None:
-        return
-    path = os.path.realpath(folder)
     # the checksum separates runs of one name in two folders
-    name = f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"
+    checksum = zlib.crc32(os.fsencode(os.path.realpath(folder)))
     with suppress(OSError):
-        registry.mkdir(parents=True, exist_ok=True, mode=0o700)
-        (registry / name).symlink_to(path)
+        _list(folder, f"{folder.name}-{checksum:08x}")
+
+
+def _list(folder: Path, name: str) -> Listing:
+    """Put a link to a run into the first registry that can be written."""
+    target, why_not = os.path.realpath(folder), list[str]()
+    for base, is_lasting in ((_state(), True), (_runtime(), False)):
+        if base is None:
+            why_not.append(NO_HOME)
+            continue
+        registry = base / REGISTRY
+        try:
+            if not is_lasting:  # the system makes it
+                base.stat()
+            registry.mkdir(parents=True, exist_ok=True, mode=0o700)
+            if not (registry / name).is_symlink():
+                (registry / name).symlink_to(target)
+        except OSError as error:
+            why_not.append(f"{registry}: {error.strerror or error}")
+        else:
+            return Listing(registry, tuple(why_not), is_lasting)
+    return Listing(None, tuple(why_not), is_lasting=False)
+
+
+def _state() -> Path | None:
+    """Return the user's state folder, which may not exist; None without a home folder."""
+    given = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if given.is_absolute():
+        return given
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111  # raises nothing
+    return home / ".local" / "state" if home.is_absolute() else None
+
+
+def _runtime() -> Path:
+    """Return the user's runtime folder, which may not exist."""
+    given = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    return given if given.is_absolute() else Path(f"/run/user/{os.geteuid()}")
+
+
+def _links() -> list[Path]:
+    """Return the links of all registries; without those of a `listing` in progress."""
+    return [
+        link
+        for base in (_state(), _runtime())
+        if base is not None
+        for link in _inside(base / REGISTRY)
+        if not link.name.startswith(TRIAL)
+    ]
 
 
 def _unregister(folder: Path) -> None:
     """Remove every link to the run, whatever its name."""
-    registry = _registry()
-    if registry is None:
-        return
     path = Path(os.path.realpath(folder))
-    for link in _inside(registry):
+    for link in _links():
         with suppress(OSError):
             if link.readlink() == path:
                 link.unlink(missing_ok=True)

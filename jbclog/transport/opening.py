@@ -261,12 +261,18 @@ def _close_device(descriptor: int) -> None:
     os.close(descriptor)
 
 
+def _how_to_end(process: int | None) -> str:
+    return "" if process in (None, os.getpid()) else f" (`kill {process}`)"
+
+
 def _refused(url: str, device: str, error: BaseException) -> LinkError:
     number = _number(error) or _number(error.__context__)
     if number in LOCKED or "lock" in str(error):
         process = holder_of(device)
         return PortBusy(
-            f"{url} is in use by {process_text(process)}; end that, or take another port", process
+            f"{url} is in use by {process_text(process)}; end that{_how_to_end(process)}, or take"
+            " another port",
+            process,
         )
     if number in TOO_MANY:
         return LinkError(

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
+from jbclog.app.run.identities import Identities
 from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
@@ -35,7 +36,7 @@ from jbclog.core.outcome import CUT_SHORT, Exit
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
-from jbclog.guard.open_leases import settle
+from jbclog.guard.open_leases import LIST_STEP, about_list, settle
 from jbclog.guard.supervisor import RunGuard
 from jbclog.guard.watch import RENEW_S
 from jbclog.record.guard_actions import LOCK as GUARD_LOCK
@@ -94,11 +95,12 @@ class Recorder:
             self._clock,
             self._on_record_failure,
             seal_every_s,
-            on_facts=self._guarding.update,
+            on_facts=self._update_guard,
             folder=folder,
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
+        self._identities = Identities(plan.line, self._contexts)
         self._reactor = Reactor(
             allow_missing=plan.starts_without_missing, report=self._note_failed_look
         )
@@ -160,8 +162,16 @@ class Recorder:
                 "There is no guard: if this recorder dies, the tools stay as they are.",
                 Severity.WARNING,
             )
-        elif os.getpid() == FIRST_PROCESS:
+            return
+        if os.getpid() == FIRST_PROCESS:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
+        is_listed, text = about_list(self._run_record.folder)
+        if text:
+            self._note(
+                "guard.list",
+                f"Open leases {text}; {LIST_STEP}.",
+                Severity.INFO if is_listed else Severity.WARNING,
+            )
 
     def _start_guard(self) -> None:
         """Wait for the guard before the record begins and anything heats. Raises `StartRefused`."""
@@ -193,7 +203,7 @@ class Recorder:
         for look, what in self._looks():
             every(LOOK_EVERY_S, look, what)
         every(LOOK_AT_PORTS_EVERY_S, self._sharers.look, "Look for other programs on the ports")
-        every(RENEW_S, self._guarding.renew, "Sign of life to the guard")
+        every(RENEW_S, self._renew_guard, "Sign of life to the guard")
         if self._units is not None:
             every(LOOK_FOR_UNITS_S, self._look_for_units, "Look for serials of units")
         try:
@@ -206,6 +216,18 @@ class Recorder:
         finally:
             gc.unfreeze()
         return None
+
+    def _update_guard(self, facts: StationFacts) -> None:
+        self._guarding.update(facts)
+        if facts.touched and facts.name not in self._identities:  # later proofs go with the beat
+            self._send_identities()
+
+    def _renew_guard(self) -> None:
+        self._send_identities()
+        self._guarding.renew()
+
+    def _send_identities(self) -> None:
+        self._guarding.identify(self._identities.families(), self._identities.proofs())
 
     def _have_guard_take_over(self) -> None:
         """Let the guard make the tools safe, as sessions may be unfinished; its actions become
@@ -220,7 +242,9 @@ class Recorder:
         order = context.order
 
         def opened() -> Port:
-            return open_port(order.url, order.line)
+            port = open_port(order.url, order.line)
+            self._identities.note_opened(order.name, port)
+            return port
 
         if self._wires is None:
             self._reactor.add(run_station(context), opened, order.name)

@@ -71,6 +71,9 @@ class PortState:
     status: tuple[int, ...] | None = None
     has_suction: bool | None = None  # the hundreds digit of the status, confirmed by two answers
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
+    # when the last one of tip or air was read; None if another tool was in the port then
+    temperature_at: float | None = None
+    pulled_c: int | None = None  # last reading that no tip can have cooled to, since that
     hottest_c: int | None = None  # since the last reading of the alarm flags, while alarms count
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted since the last reading of the flags
@@ -125,11 +128,14 @@ class SessionContext:
         self.not_supported: set[str] = set()
         self.step = EXAMINED  # current step of the start
         self.has_started = False
+        self.has_ordered_status = False  # of any tool; earlier readings may no longer hold
         self.written: list[str] = []  # settings changed at the start, with their previous values
         self.tries = 1  # of decisive reads; more during the start
         self.feeder_touched = False
         self.feeder_stopped = False  # at the end, as read back
         self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
+        self.answered_at: float | None = None  # while an answer is handed over: when it came
+        self.close_rows: Callable[[], None] = lambda: None  # writes those that wait at the end
         self.connected = False
         self.away_when: str | None = None  # why the run ended while the station was away
         self.is_proven = False  # the link has not broken since the station was identified
@@ -140,7 +146,8 @@ class SessionContext:
         self.link_is_faster: str | None = None  # than its stated line format, in words
         # by port, with the time of the reading
         self.plugged_hours: dict[int, tuple[int, float]] = {}
-        self.identity_at: dict[str, float] = {}  # when model and software were last confirmed
+        # when model and software were last confirmed; empty after signs of another station
+        self.identity_at: dict[str, float] = {}
         self.is_flooded = False  # its link is flooded, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood
@@ -242,8 +249,8 @@ class SessionContext:
 
     @property
     def now(self) -> float:
-        """Time of the last result, monotonic seconds."""
-        return self.station.now
+        """Time of the last result, or of the answer being handed over, monotonic seconds."""
+        return self.station.now if self.answered_at is None else self.answered_at
 
     def command(self, name: str) -> Command:
         return self.family.commands[name]

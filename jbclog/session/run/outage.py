@@ -8,7 +8,14 @@ F-16 and F-17).
 
 from __future__ import annotations
 
-from jbclog.core.errors import LinkError, LinkFlooded, RobotModeOff, StartRefused, StationError
+from jbclog.core.errors import (
+    LinkError,
+    LinkFlooded,
+    OtherStation,
+    RobotModeOff,
+    StartRefused,
+    StationError,
+)
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
@@ -44,6 +51,8 @@ def outage(context: SessionContext, sampler: Sampler, tick: int, lost: StationLo
     """
     report_loss(context, lost.cause)
     context.is_proven &= not isinstance(lost.cause, LinkError)
+    if isinstance(lost.cause, OtherStation):
+        context.identity_at.clear()
     sampler.begin_outage(tick)
     return (yield from sampler.watched(_bridge(context, sampler, tick, lost)))
 

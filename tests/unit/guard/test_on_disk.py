@@ -252,6 +252,7 @@ def test_without_a_place_for_that_a_lease_is_kept_all_the_same(
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / state) if state == "file" else state)
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
     write_leases(tmp_path, [lease("a")])
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
     assert registered_runs() == ([], [])
