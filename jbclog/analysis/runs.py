@@ -95,7 +95,7 @@ class Records:
     ) -> list[MetricRow]:
         known = self.known(run)
         if known is not None:
-            return [row for row in known if station in (None, row.station)]
+            return [row for row in known if row.metric in names and station in (None, row.station)]
         from jbclog.analysis.run_metrics import computed_metrics, metric_rows_of
 
         return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)

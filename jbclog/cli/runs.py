@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -71,7 +70,6 @@ def runs(
         None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."
     ),
     until: str | None = options.UNTIL,
-    no_cache: bool = options.NO_CACHE,
     as_json: bool = options.JSON_PER_RUN,
 ) -> None:
     """Find runs by operator, order, unit, time, verdict and more.
@@ -88,7 +86,6 @@ def runs(
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
     from jbclog.analysis.store.place import is_store, place_of
-    from jbclog.app.index.run_index import run_index
     from jbclog.record.find_runs import Filter, find
 
     if not is_runs(folder):
@@ -119,9 +116,8 @@ def runs(
         those: Iterable[Found | Unreadable] = [one.found for one in Store(place).runs(wanted)]
         _print(those, place.path, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
         return
-    with nullcontext() if no_cache else run_index() as index:
-        those = find(folder, wanted) if index is None else index.find(folder, wanted)
-        _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+    those = find(folder, wanted)
+    _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def _expect_word(

@@ -143,6 +143,27 @@ def _open_in(process: int) -> Iterator[tuple[int, int]]:
                 yield found.st_rdev, found.st_ino
 
 
+def sharers_text(url: str) -> str:
+    """Say which other programs have the port open; empty if none is known."""
+    sharers = sharers_of(url)
+    if not sharers:
+        return ""
+    return (
+        f"{url} is open in {processes_text(sharers)}, too, which takes answers that are meant for"
+        " this program: end that program"
+    )
+
+
+def processes_named(name: str) -> list[int]:
+    """Return the processes with this command name (at most 15 characters, /proc/PID/comm)."""
+    found = []
+    for process in processes():
+        with contextlib.suppress(OSError):
+            if Path(f"/proc/{process}/comm").read_text().strip() == name:
+                found.append(process)
+    return found
+
+
 def processes_text(processes: Iterable[int]) -> str:
     """Format processes: ``process 4711 (minicom), process 4712 (cat)``."""
     return ", ".join(map(process_text, processes))

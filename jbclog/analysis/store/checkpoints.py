@@ -10,8 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.foreign.files import MIB, Kind, NotReadable, open_foreign, read_foreign
-from jbclog.core.foreign.parquet_sizes import sizes_of
+from jbclog.analysis.store.parquet_sizes import sizes_of
+from jbclog.core.files import MIB, Kind, NotReadable, open_regular, read_regular
 
 WHOLE: Final = re.compile(r"\d{20}\.checkpoint\.parquet")
 FREE_ROWS: Final = 10_000
@@ -49,7 +49,7 @@ def _expect_few_lines(log: Iterable[Path], checkpoint: str) -> None:
     commits = [path for path in log if COMMIT.fullmatch(path.name) and path.stem > checkpoint]
     if sum(path.lstat().st_size for path in commits) <= MOST_LINES * SHORTEST:
         return
-    lines = sum(len(LINES.findall(read_foreign(path, Kind.STORE_LOG))) for path in commits)
+    lines = sum(len(LINES.findall(read_regular(path, Kind.STORE_LOG))) for path in commits)
     if lines > MOST_LINES:
         raise NotReadable(
             f"its commits since the last checkpoint have {lines} lines, at most {MOST_LINES}"
@@ -60,7 +60,7 @@ def _expect_few_lines(log: Iterable[Path], checkpoint: str) -> None:
 def _expect_bounded_checkpoint(path: Path, *_: int) -> None:
     """Check a checkpoint, once for each state of its file."""
     try:
-        with open_foreign(path, Kind.STORE_LOG) as data:
+        with open_regular(path, Kind.STORE_LOG) as data:
             found = sizes_of(data)
     except NotReadable as error:
         raise NotReadable(f"{path.name}: {error}") from error

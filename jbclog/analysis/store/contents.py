@@ -19,7 +19,7 @@ from jbclog.analysis.run_metrics import joints_and_metrics, joints_of, metric_ro
 from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.schema import DATA, OWN, RECORD, RUNS, schema_of
 from jbclog.analysis.stored_tables import stored_joints, stored_metrics
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.find_runs import Found
 from jbclog.record.folder import recipe_copy
@@ -159,7 +159,7 @@ def small_files(run: Run) -> Iterator[tuple[str, bytes]]:
     }
     for name, (path, kind) in paths.items():
         try:
-            yield name, read_foreign(path, kind)
+            yield name, read_regular(path, kind)
         except FileNotFoundError:
             continue
 

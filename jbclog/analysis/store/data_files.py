@@ -16,11 +16,11 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 from urllib.parse import unquote
 
+from jbclog.analysis.store.parquet_sizes import GroupSize, sizes_of
 from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.schema import DATA, RUNS
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.files import MIB, Kind, NotReadable, open_foreign
-from jbclog.core.foreign.parquet_sizes import GroupSize, sizes_of
+from jbclog.core.files import MIB, Kind, NotReadable, open_regular
 
 FILES: Final = "files"  # column of `runs` with the small files, read for one run at a time
 AT_ONCE: Final = 256 * MIB
@@ -121,7 +121,7 @@ def measured(table: str, path: Path) -> Measured:
 @lru_cache(maxsize=KEPT)
 def _measure_once(table: str, path: Path, *_: int) -> Measured:
     """Measure a file, once for each of its states."""
-    with open_foreign(path, Kind.PART) as data:
+    with open_regular(path, Kind.PART) as data:
         found = sizes_of(data)
     written = 0
     for number, group in enumerate(found.groups):

@@ -17,7 +17,6 @@ from functools import lru_cache
 from typing import Final
 
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.files import ANSWERS_S
 from jbclog.core.text import clean, shortened
 
 ENDPOINT: Final = "AWS_ENDPOINT_URL"
@@ -29,6 +28,7 @@ CREDENTIALS: Final = (
 NOTHING: Final = "_nothing"  # no table has this name
 MOST_SAID: Final = 100  # characters of host and port
 LOADS_S: Final = 60.0  # for the library: a home folder on a network may be slow, or hang
+ANSWERS_S: Final = 5.0
 ASK: Final = """
 import signal, sys
 signal.signal(signal.SIGALRM, signal.SIG_DFL)

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass
 from enum import Enum, auto
 from pathlib import Path
 
+from jbclog.analysis.store.plain_files import is_name
 from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import line_of, sha256
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import is_name
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
 from jbclog.record.manifest import manifest_sha256, read_manifest

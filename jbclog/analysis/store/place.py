@@ -20,14 +20,13 @@ from urllib.parse import unquote
 
 from jbclog.analysis.store.checkpoints import expect_bounded
 from jbclog.analysis.store.endpoint import CREDENTIALS, expect_list
+from jbclog.analysis.store.plain_files import plain_files
 from jbclog.core.errors import StoreError, UsageError
-from jbclog.core.foreign.files import (
+from jbclog.core.files import (
     Kind,
     NotReadable,
-    expect_answer,
     expect_regular,
     is_plain_folder,
-    plain_files,
 )
 from jbclog.core.text import clean, shortened
 from jbclog.record.folder import RUN_NAME
@@ -254,12 +253,11 @@ def place_of(given: str | os.PathLike[str]) -> Place:
 
 def is_store(given: str | os.PathLike[str]) -> bool:
     """Return True if a user's path is a store. True for every ``s3://`` URL: jbclog keeps nothing
-    else there. Raises `RecordError` if a network mount hangs.
+    else there.
     """
     text = os.fspath(given)
     if S3.fullmatch(text):
         return True
-    expect_answer(Path(text))
     try:
         return Path(text, "runs", LOG).is_dir()
     except (OSError, ValueError):

@@ -23,6 +23,7 @@ import pyarrow.fs as pf
 from jbclog.analysis.store.data_files import FILES, DataFiles
 from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.place import Place, expect_library, explained, one_line
+from jbclog.analysis.store.plain_files import is_name
 from jbclog.analysis.store.rows import kept_files, rows_in_order, span_of
 from jbclog.analysis.store.schema import (
     DATA,
@@ -34,10 +35,10 @@ from jbclog.analysis.store.schema import (
     SCHEMA,
     schema_of,
 )
+from jbclog.analysis.store.values import expect_values
 from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError, StoreError
-from jbclog.core.foreign.files import NotReadable, is_name
-from jbclog.core.foreign.values import expect_values
+from jbclog.core.files import NotReadable
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
 
 if TYPE_CHECKING:

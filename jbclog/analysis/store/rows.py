@@ -13,9 +13,9 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from jbclog.analysis.store.data_files import FILES
-from jbclog.core.foreign.files import MIB, NotReadable
-from jbclog.core.foreign.tables import batches_in, written_out
-from jbclog.core.foreign.values import expect_values
+from jbclog.analysis.store.tables import batches_in, written_out
+from jbclog.analysis.store.values import expect_values
+from jbclog.core.files import MIB, NotReadable
 
 BATCH_ROWS: Final = 32_768  # as in the row groups of a run
 NO_ROW: Final = 2**63 - 1  # behind the number of every row

@@ -18,11 +18,11 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import Selection, arrow_time
+from jbclog.analysis.store.plain_files import is_name
 from jbclog.analysis.store.reader import Published, Store
 from jbclog.analysis.store.schema import OWN
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import is_name
 from jbclog.record.manifest import NAME as MANIFEST
 
 

@@ -16,7 +16,7 @@ from typing import Final
 from jbclog.app.publish.folder import Skipped, publish_all
 from jbclog.app.publish.publisher import Outcome, Publisher
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.files import entries_below, why_link_hangs
+from jbclog.core.files import entries_below
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.manifest import NAME as MANIFEST
 
@@ -74,15 +74,9 @@ class Follower:
         """
         for path in sorted(self._folder.iterdir(), key=lambda path: (self._failed[path], path)):
             look, before = self._seen.get(path, (_state, ()))
-            hangs = why_link_hangs(path)
-            now = look(path) if hangs is None else (hangs,)
-            if not now or now == before:
-                continue
-            if hangs is None:
+            now = look(path)
+            if now and now != before:
                 yield from self._publish(path)
-            else:
-                self._seen[path] = look, now
-                yield Skipped(path, hangs)
 
     def _publish(self, path: Path) -> Iterator[Outcome | Skipped | Trouble]:
         before = {look: look(path) for look in (_state, _all_files)}

@@ -25,7 +25,7 @@ import pyarrow as pa
 from jbclog.analysis.store.place import Place, explained
 from jbclog.analysis.store.schema import RUNS
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.json_files import json_of
 from jbclog.core.locks import boot_id
 from jbclog.core.text import clean, shortened
 

@@ -43,6 +43,7 @@ from jbclog.record.guard_actions import LOCK as GUARD_LOCK
 from jbclog.record.guard_actions import action_log
 from jbclog.record.manifest import iso
 from jbclog.session.run.context import SessionContext
+from jbclog.session.run.mix_ups import alike, swapped, swapped_text
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
@@ -135,6 +136,7 @@ class Recorder:
             return self._refuse(str(refusal))
         self._begin()
         error = self._run_sessions()
+        self._note_mix_ups()
         self._end_units()
         self._close_captures()
         self._note_missed()
@@ -288,6 +290,7 @@ class Recorder:
         yield self._look_at_clock, "Look at the clock"
         yield self._note_captures, "Look at the captures"
         yield self._note_sharers, "Report other programs on the ports"
+        yield self._note_mix_ups, "Compare the stations' identities"
         yield self._run_record.look, "Look at the disk"
         yield self._goals.look, "Look at the goals"
         yield self._show, "Show the run"
@@ -310,6 +313,22 @@ class Recorder:
                         " this run; end that program."
                     )
                     context.note("link.contention", Severity.ERROR, text)
+
+    def _note_mix_ups(self) -> None:
+        """Tell the sessions which stations look alike, and report swapped cables once."""
+        names = alike(self._contexts)
+        for context in self._contexts:
+            context.alike = names.get(context.name, [])
+        for first, second in swapped(self._contexts):
+            text = swapped_text(first, second)
+            for context in (first, second):
+                if context.mix_up != text:
+                    context.mix_up = text
+                    context.note(
+                        "identity.swapped", Severity.CRITICAL, f"{text[0].upper()}{text[1:]}."
+                    )
+                if context.facts.outcome == StationOutcome.REFUSED:
+                    context.facts.reason = f"{context.name}: {text}"
 
     def _look_at_clock(self) -> None:
         utc, now = self._run_record.utc, self._clock.monotonic()

@@ -20,7 +20,7 @@ from jbclog.analysis.store.reader import Store, expect_columns
 from jbclog.app.publish.publisher import Publisher
 from jbclog.app.publish.upkeep import check, compact, vacuum
 from jbclog.core.errors import RecordError, StoreError
-from jbclog.core.foreign.files import NotReadable
+from jbclog.core.files import NotReadable
 from support.command import jbclog
 
 LONG_AGO_S = 1_000_000_000

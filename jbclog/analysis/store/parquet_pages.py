@@ -11,8 +11,8 @@ from functools import lru_cache
 from itertools import islice
 from typing import BinaryIO, Final, NamedTuple
 
-from jbclog.core.foreign.files import MIB, NotReadable
-from jbclog.core.foreign.parquet_footer import STRUCT, ColumnChunk, RowGroup, ThriftReader
+from jbclog.analysis.store.parquet_footer import STRUCT, ColumnChunk, RowGroup, ThriftReader
+from jbclog.core.files import MIB, NotReadable
 
 MAGIC: Final = b"PAR1"
 TAIL: Final = struct.Struct("<I4s")

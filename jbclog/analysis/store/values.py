@@ -7,8 +7,8 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.foreign.files import NotReadable
-from jbclog.core.foreign.json_reader import FIRST_S, LAST_S
+from jbclog.core.files import NotReadable
+from jbclog.core.json_files import FIRST_S, LAST_S
 from jbclog.core.quantities import LARGEST
 
 EXACT: Final = 1 << 53  # whole numbers up to here are floats, too: pyarrow converts no others

@@ -14,15 +14,15 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import BinaryIO, Final
 
-from jbclog.core.foreign.files import MIB, NotReadable
-from jbclog.core.foreign.parquet_footer import TEXT, TEXTS, ColumnChunk, RowGroup, groups_in
-from jbclog.core.foreign.parquet_pages import (
+from jbclog.analysis.store.parquet_footer import TEXT, TEXTS, ColumnChunk, RowGroup, groups_in
+from jbclog.analysis.store.parquet_pages import (
     CODES,
     IN_FULL,
     Page,
     PageReader,
     footer_of,
 )
+from jbclog.core.files import MIB, NotReadable
 
 COLUMNS: Final = 1000
 SMALL: Final = 256 << 10  # read at once

@@ -19,15 +19,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_opened, open_foreign
-from jbclog.core.foreign.parquet_footer import (
+from jbclog.analysis.store.parquet_footer import (
     MOST_ITEMS,
     TEXTS,
     ColumnChunk,
     RowGroup,
     groups_in,
 )
-from jbclog.core.foreign.parquet_pages import (
+from jbclog.analysis.store.parquet_pages import (
     CODES,
     COLUMNS,
     FREE_ROWS,
@@ -37,7 +36,8 @@ from jbclog.core.foreign.parquet_pages import (
     PageReader,
     footer_of,
 )
-from jbclog.core.foreign.values import expect_values
+from jbclog.analysis.store.values import expect_values
+from jbclog.core.files import MIB, Kind, NotReadable, expect_opened, open_regular
 
 GROUP_ROWS: Final = 262_144
 FREE_GROUPS: Final = 64  # row groups of a file,
@@ -61,7 +61,7 @@ def open_table(
 
     Texts in the columns `coded` are read as dictionaries, in a fifth of the time.
     """
-    with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
+    with open_regular(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(footer_of(data))
         try:
             file = _parquet(  # by descriptor: another file may have its name by now

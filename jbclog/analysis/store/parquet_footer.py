@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-from jbclog.core.foreign.files import NotReadable
+from jbclog.core.files import NotReadable
 
 # Thrift's compact protocol, as far as Parquet's footer and page headers need it:
 # https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md, and
