@@ -33,7 +33,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from io import BufferedReader
-from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -217,33 +216,12 @@ def _blocks(path: Path) -> Iterator[Block | Gap]:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
-    """Yield the rows from number `first` to the first hole: no session is replayed beyond it."""
-    return islice(_to_hole(path), first, None)
-
-
-def _to_hole(path: Path) -> Iterator[CaptureRow]:
+def read_to_hole(path: Path) -> Iterator[CaptureRow]:
+    """Yield the rows up to the first hole: no session is replayed beyond it."""
     for row in rows_and_holes(path):
         if isinstance(row, Hole):
             return
         yield row
-
-
-def read_exchanges(path: Path) -> Iterator[CaptureRow]:
-    """Yield the rows without those from the last command before a hole to the first behind it:
-    their answers may be lost.
-    """
-    held: list[CaptureRow] = []
-    is_whole = True
-    for row in rows_and_holes(path):
-        if isinstance(row, Hole):
-            held, is_whole = [], False
-        elif row.what == "sent":
-            yield from held
-            held, is_whole = [row], True
-        elif is_whole:
-            held.append(row)
-    yield from held
 
 
 def holes(path: Path) -> list[Hole]:

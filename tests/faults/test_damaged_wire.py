@@ -30,7 +30,6 @@ from jbclog.record.capture import (
     holes,
     is_done,
     mend,
-    read_exchanges,
     read_head,
     read_to_hole,
     rows_and_holes,
@@ -127,7 +126,7 @@ def look(path: Path, one: Altered, count: Count) -> list[CaptureRow]:
     assert rows == [row for row in found if not isinstance(row, Hole)]
     assert is_in_order(rows), one.how
     assert_holes_say_where(found)
-    assert all(said == answer(int(asked[8:-1])) for asked, said in pairs(read_exchanges(path))), (
+    assert all(said == answer(int(asked[8:-1])) for asked, said in pairs(read_to_hole(path))), (
         one.how
     )
     assert list(read_to_hole(path)) == rows[: len(list(read_to_hole(path)))]

@@ -61,7 +61,8 @@ def test_a_bomb_in_their_place_is_no_recipe(made: Path, tmp_path: Path, bomb: st
 
 @pytest.mark.parametrize("verb", ["check", "report --verify", "report", "replay", "compare"])
 def test_each_verb_answers_in_a_line(linked: Path, verb: str) -> None:
-    words = [*verb.split(), str(linked), *([str(linked)] if verb == "compare" else [])]
+    more = {"compare": [str(linked)], "replay": ["--record", str(linked.parent / "again")]}
+    words = [*verb.split(), str(linked), *more.get(verb, [])]
     result = invoked(*words)
     assert "internal error" not in result.output
     assert not isinstance(result.exception, OSError)
