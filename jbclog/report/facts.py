@@ -250,7 +250,6 @@ class Facts:
     not_claimed: list[str]
     not_claimed_short: list[str]
     to_sign: list[dict[str, str]]
-    reproduce: str
 
     @property
     def is_crowd(self) -> bool:
@@ -299,5 +298,3 @@ TO_SIGN = (
     {"role": "Reviewed", "meaning": "Meaning: review of this record and its deviations."},
     {"role": "Approved", "meaning": "Meaning: approval or refusal, based on this record."},
 )
-
-REPRODUCE = "jbclog report --verify RUN"

@@ -17,7 +17,7 @@ from jbclog.report.facts import CROWD, Facts, FigureFacts, VerdictFacts
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.overview import Overview
 from jbclog.report.ports import Context, station_reports
-from jbclog.report.repeated import of_run
+from jbclog.report.record_facts import of_run
 from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 

@@ -38,7 +38,6 @@ MOST_LINES: Final = 400
 VERBS: Final = {
     "check": ["check", "{run}"],
     "report": ["report", "{run}"],
-    "report --verify": ["report", "--verify", "{run}"],
     "export --to csv": [
         "export",
         "{run}",
@@ -57,7 +56,7 @@ VERBS: Final = {
     "alarms": ["alarms", "{run}"],
     "annotate": ["annotate", "{run}", "x", "--by", "x", "--reason", "x"],
     "audit --runs": ["audit", "--line", "{line}", "--ledger", "{ledger}", "--runs", "{runs}"],
-    "replay": ["replay", "{run}", "--verify"],
+    "replay": ["replay", "{run}", "--record", "{ledger}.again"],
     "start of the next run": ["@start", "{runs}"],
 }
 OF_A_FOLDER: Final = (

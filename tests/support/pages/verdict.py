@@ -120,7 +120,7 @@ RULES: Mapping[str, tuple[str, str]] = {
 """Rule -> the limit that it belongs to, and what it judges."""
 
 INTRODUCTION = """
-A verdict is the result of a list of rules. It depends only on the sealed record; `jbclog report RUN --verify` recomputes it.
+A verdict is the result of a list of rules. It depends only on the sealed record; `jbclog check RUN` recomputes it.
 An estimated figure meets its limit if both the figure and its 95 % bound do. If only the figure does, or there is no bound, evidence
 is missing ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
 """
