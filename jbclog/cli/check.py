@@ -28,7 +28,7 @@ def check(
     """Check a run's integrity.
 
     Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the
-    rules of the run's version. Checks the previous and next run on the same line if they are in
+    rules of this version. Checks the previous and next run on the same line if they are in
     the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
     of which something is not compared. The last line shows the run's fingerprint, to compare with a
     printed report.
@@ -58,7 +58,7 @@ def check(
     if read_manifest(run).is_sealed:
         bare += uncovered(run, head)
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
-    apart += ["verdict not recomputed in full"] * bool(notes)
+    apart += ["verdict not recomputed"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")

@@ -204,9 +204,9 @@ class Manifest:
     without serial captures, ``whole`` with complete ones, else what is missing. `previous`: None if
     the recorder ended before it searched. `units`: those whose serials were read during the run;
     units named at its start are in `metadata`. `verifications`: the tip verifications in force at
-    the start. `goals`: the numbers after which it was to end, and their results. `rules`: version
-    of the rules and methods of its verdict (`analysis/rule_versions.py`); 1 in older records, which
-    lack it.
+    the start. `goals`: the numbers after which it was to end, and their results. `rules`: number
+    of the rules and methods of its verdict (`analysis/rules_number.py`); runs of 0.1.0 lack it, and
+    have 1.
 
     The file has a last key `digest`: the SHA-256 of the file without it.
     """

@@ -80,7 +80,7 @@ PLAN = {
 }
 RUN = PLAN | {
     *("analysis", "analysis.alarms", "analysis.alarms.live", "analysis.alarms.port_watch"),
-    *("analysis.alarms.state_machine", "analysis.rule_versions"),
+    *("analysis.alarms.state_machine", "analysis.rules_number"),
     *("app.run.goals", "app.run.recorder", "app.run.run_record", "app.run.runner"),
     *("app.run.tasks", "app.run.unit_feed", "cli.progress", "cli.run", "cli.terminal"),
     *(

@@ -346,7 +346,7 @@ def test_a_run_without_limits_is_not_judged(tmp_path: Path) -> None:
 
 
 def test_a_run_that_ended_without_a_verdict_is_judged_by_its_recipes(tmp_path: Path) -> None:
-    page, data = report(sealed(tmp_path))
+    page, data = report(sealed(tmp_path, rows=900))
     assert [attrs["class"] for tag, attrs in page.elements if tag == "img"] == [
         "wide",
         "narrow",
