@@ -22,8 +22,8 @@ import pyarrow.compute as pc
 
 from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.tables import bounds_of
-from jbclog.core.rows import StationFacts
+from jbclog.core.foreign.tables import bounds_of, metadata_of
+from jbclog.core.rows import SCHEMA_VERSION, StationFacts
 from jbclog.core.text import shortened, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
@@ -31,7 +31,7 @@ from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import Wanted, groups_of, part_paths, parts_through, summary_of
-from jbclog.record.schema import FIRST_IN, SCHEMAS
+from jbclog.record.schema import SCHEMAS, lacking_in
 from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
@@ -442,10 +442,6 @@ class RunTables:
     ) -> Selection:
         """Return a selection. Raises `UsageError` for an unknown station, port or column."""
         self.expect_place(station, port)
-        later = [name for name in columns or () if (table, name) in FIRST_IN]
-        if later and self.manifest.schema < max(FIRST_IN[table, name] for name in later):
-            names = ", ".join(later)
-            self._say_once(f"{table}: {names} not recorded by the version that made the run")
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
@@ -475,6 +471,8 @@ class RunTables:
                     " a sealed run"
                 )
             sealed = [part for part in parts if selection.may_have(part)]
+            if manifest.schema < SCHEMA_VERSION:
+                self._say_lacking(selection, sealed)
             coded, wanted = selection.coded, selection.wanted
             groups = groups_of(sealed, selection.needed, coded=coded, wanted=wanted)
             yield from map(selection.cut, groups)
@@ -483,6 +481,16 @@ class RunTables:
             self._say_once(
                 f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}"
             )
+
+    def _say_lacking(self, selection: Selection, sealed: Sequence[Path]) -> None:
+        """Say which columns the version that made the run did not record, if any is selected."""
+        for part in sealed[:1]:
+            lacking = lacking_in(selection.table, metadata_of(part).schema.names)
+            if any(name in selection.needed for name in lacking):
+                names = ", ".join(lacking)
+                self._say_once(
+                    f"{selection.table}: {names} not recorded by the version that made the run"
+                )
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:

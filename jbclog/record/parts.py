@@ -30,7 +30,7 @@ from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.core.rows import TABLES
 from jbclog.core.text import count_text
-from jbclog.record.schema import FIRST_IN, SCHEMAS, TEXT, lacking_in, with_columns
+from jbclog.record.schema import SCHEMAS, TEXT, lacking_in, with_columns
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
 # includes the notes. Damaged files are set aside in `damaged/`.
@@ -278,7 +278,7 @@ def groups_of(
 def group_of(
     file: ParquetTable, table: str, index: int, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Return a row group of a part; columns that its version lacks are null."""
+    """Return a row group of a part; columns that the part lacks are null."""
     lacking = lacking_in(table, file.schema.names)
     if not lacking:
         return file.group(index, columns)
@@ -311,10 +311,15 @@ def _opened(path: Path, *, coded: bool) -> Iterator[ParquetTable]:
     """Open a part; check its pages by checksums, its footer by content. Raises RecordError."""
     table = path.parent.name
     schema = SCHEMAS[table]
-    texts = [one.name for one in schema if one.type == TEXT and (table, one.name) not in FIRST_IN]
+    texts = [one.name for one in schema if one.type == TEXT] if coded else []
     with ExitStack() as opened:
         try:
-            file = opened.enter_context(open_table(path, texts if coded else ()))
+            try:
+                file = opened.enter_context(open_table(path, texts))
+            except NotReadable:  # also where it lacks one of the texts
+                names = metadata_of(path).schema.names
+                texts = [name for name in texts if name in names]
+                file = opened.enter_context(open_table(path, texts))
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{path} is no readable part: {error}") from error
         lacking = lacking_in(table, file.schema.names)
