@@ -50,7 +50,7 @@ from jbclog.record.capture_file import FIXED, Block, Gap, blocks, blocks_in, row
 
 FOLDER: Final = "wire"
 SUFFIX: Final = ".tsv.gz"
-FORMAT: Final = 3  # 2 has no rows of sessions that wait for each other
+FORMAT: Final = 3
 WHOLE: Final = "whole"  # what the manifest says of wires that lack nothing
 COLUMNS: Final = "at_s\twhat\tdata\n"
 RUN: Final = "run"
@@ -122,12 +122,12 @@ def head_line(head: Head) -> str:
 
 
 def read_head(path: Path) -> Head:
-    """Read a capture's head. Raises RecordError if the file is no capture, or of a newer jbclog."""
+    """Read a capture's head. Raises RecordError if the file is no capture, or of another format."""
     try:
         head = _head(path)
     except (ValueError, OSError) as error:
         raise RecordError(f"{path} is not a serial capture: {error}") from error
-    if head.format > FORMAT:
+    if head.format != FORMAT:
         raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
     return head
 
@@ -161,11 +161,11 @@ def _believed(head: Head, path: Path) -> Head:
 
 
 def _why_none(path: Path) -> str:
-    """Return why a file has no head; a newer format states its number, however it is packed."""
+    """Return why a file has no head; another format states its number, however it is packed."""
     with open_foreign(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
-    if found and int(found[1]) > FORMAT:
+    if found and int(found[1]) != FORMAT:
         return f"written in format {int(found[1])}; this jbclog knows {FORMAT}"
     return "no block that says of what run it is can be proven" if first else "it is empty"
 

@@ -248,17 +248,12 @@ def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) ->
     """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps
     pace.
 
-    Older captures, whose sessions did not wait for each other, have no results of `Gather`; then
-    `Gather` returns at once.
-
     If a request does not match the capture, or the capture ends first, calls `left`, abandons the
     session and returns None.
     """
     try:
         request, now = next(steps), 0.0
         for step in tape:
-            while isinstance(request, Gather) and step.result.request != "gather":
-                request = steps.send(IoResult(now, b"", 0.0))
             if not step.answers(request):
                 left(Divergence(now, request, step))
                 return None

@@ -132,7 +132,7 @@ def test_a_program_that_asks_something_else_ends_where_it_leaves_its_tape(
     run = recorded(tmp_path / "run", line_text(TROUBLE["corrupt frames"]), duration_s=10)
     ask_less(monkeypatch)
     again, left = relived(tmp_path / "run")
-    assert "it would ask" in str(left["dde-1"])
+    assert "it would gather; recorded is ask" in str(left["dde-1"])
     assert not left["dde-1"].is_cut_off
     kinds = [row.kind for row in again.events]
     assert kinds == ["station.ready"]
