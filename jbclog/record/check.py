@@ -96,7 +96,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
 
 
 def _first(findings: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """Yield the first `MOST_OF_A_KIND`, and how many more there are, so that a long forged list
+    """Yield the first `MOST_OF_A_KIND`, and how many more there are, so that a long list
     does not hide the other kinds.
     """
     more, last = 0, NAME

@@ -67,7 +67,7 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
     covers all others.
     """
     if head is None and not has_digest(folder):
-        yield NAME, "has no digest (first release): only --head reveals a change"
+        yield NAME, "has no digest, as in 0.1.0: only --head shows a change"
     for name, why in NOT_VOUCHED_FOR.items():
         if os.path.lexists(folder / name):
             yield name, why
@@ -174,7 +174,7 @@ def _report_disagreements(folder: Path, said: Annotations) -> Iterator[tuple[str
             ANNOTATIONS,
             f"lacks the line that was last when {REPORT} was made: lines were changed or removed",
         )
-    if report.get("written"):  # the first release wrote none
+    if report.get("written"):  # those of 0.1.0 have none
         yield from _report_files(folder, report["written"], {*made})
 
 

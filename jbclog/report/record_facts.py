@@ -200,7 +200,7 @@ def _rate(manifest: Manifest) -> str:
     if isinstance(manifest.rate, float):
         return f"{manifest.rate:g} Hz"
     known = {facts.name: facts for facts in manifest.stations if facts.asked_rate is not None}
-    if not known:  # a record of release 1
+    if not known:  # a run of 0.1.0
         return str(manifest.rate or "not known")
     texts = {name: _rate_of(facts) for name, facts in known.items()}
     return (

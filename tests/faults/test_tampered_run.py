@@ -31,7 +31,7 @@ from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import (
     DIGEST,
     END,
-    OF_0_1,
+    SINCE_DIGEST,
     manifest_sha256,
     read_manifest,
     write_manifest,
@@ -511,8 +511,8 @@ def test_a_guard_s_lock_is_an_empty_file_or_not_there(run: Path, tmp_path: Path)
 
 
 def downgrades(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield the manifest without each of its keys, with a matching digest, and as one of the first
-    release.
+    """Yield the manifest without each of its keys, with a matching digest, and as one of
+    0.1.0.
     """
     facts = json.loads((folder / "manifest.json").read_bytes())
     del facts["digest"]
@@ -523,8 +523,8 @@ def downgrades(folder: Path) -> Iterator[tuple[str, bytes]]:
         )
     yield "of rules 1", with_digest({**facts, "rules": 1})
     yield (
-        "of the first release",
-        plain({name: value for name, value in facts.items() if name in OF_0_1}),
+        "of 0.1.0",
+        plain({name: value for name, value in facts.items() if name != SINCE_DIGEST}),
     )
     yield "without a digest", plain(facts)
 
@@ -558,8 +558,8 @@ def test_each_downgrade_of_the_manifest_is_found_where_the_head_is_known(
     counted(downgrades=count, unnoticed=0)
 
 
-def test_a_manifest_of_the_first_release_is_on_the_list_of_what_is_not_covered(bare: Path) -> None:
-    (bare / "manifest.json").write_bytes(dict(downgrades(bare))["of the first release"])
+def test_a_manifest_of_0_1_0_is_on_the_list_of_what_is_not_covered(bare: Path) -> None:
+    (bare / "manifest.json").write_bytes(dict(downgrades(bare))["of 0.1.0"])
     assert [file for file, _ in uncovered(bare, None)] == ["manifest.json"]
     assert list(uncovered(bare, manifest_sha256(bare))) == []
 
