@@ -28,7 +28,8 @@ def check(
     """Check a run's integrity.
 
     Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the
-    rules of this version. Checks the previous and next run on the same line if they are in
+    rules of this version. Compares stored joints with the bounds that the raw power sets.
+    Checks the previous and next run on the same line if they are in
     the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
     of which something is not compared. The last line shows the run's fingerprint, to compare with a
     printed report.
@@ -37,7 +38,9 @@ def check(
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
+    from jbclog.analysis.joint_bounds import beyond_bounds
     from jbclog.analysis.rejudge import check_verdict
+    from jbclog.analysis.run import open_run
     from jbclog.record.chains import HEAD, SHOWN, digits, short_head
     from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
@@ -53,7 +56,10 @@ def check(
     found, notes, bare = check_run(run, head), list[str](), list[tuple[str, str]]()
     if not found:  # a changed record would change the verdict, too
         verdict = check_verdict(run, read_manifest(run))
-        found = [Finding(NAME, text) for text in verdict.differing]
+        found = [
+            *(Finding(NAME, text) for text in verdict.differing),
+            *(Finding("joints", text) for text in beyond_bounds(open_run(run))),
+        ]
         notes = verdict.notes
     if read_manifest(run).is_sealed:
         bare += uncovered(run, head)

@@ -17,6 +17,7 @@
     │   ├── AnswerCorrupt           wrong check byte
     │   ├── AnswerFormat            a frame that cannot answer this request
     │   ├── ImplausibleAnswer       well-formed, value not credible
+    │   ├── AnswerContradicted      two different answers to one request
     │   └── Refusal                 the station answered N
     │       ├── NotReceived         1, 2: frame not understood
     │       ├── OutOfRange          3
@@ -83,6 +84,16 @@ class Problems(UsageError):
 
     def __str__(self) -> str:
         return "\n".join(clean(str(problem)) for problem in self.problems)
+
+
+def problems_of(error: UsageError) -> list[Problem]:
+    """Return the mistakes that an error reports; its text is the one mistake if it is no list."""
+    if isinstance(error, Problems):
+        return error.problems
+    where, separator, text = str(error).partition(": ")
+    if not separator:
+        return [Problem("command line", None, "", where)]
+    return [Problem(where, None, "", text)]
 
 
 class LinkError(JbclogError, OSError):
@@ -167,6 +178,12 @@ class ImplausibleAnswer(StationError):
     """A well-formed answer with an impossible value."""
 
     reason = "implausible"
+
+
+class AnswerContradicted(StationError):
+    """Two different answers to one request came together; one of them is another request's."""
+
+    reason = "contradicted"
 
 
 class Refusal(StationError):

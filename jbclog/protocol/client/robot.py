@@ -6,7 +6,7 @@ The rules:
 1. A read is repeated at most `REPEATS` times. A command that clears, moves or erases something is
    sent once (docs/reference/faults.md, F-2 and F-39), and so is every write: reading back decides
    whether it succeeded. Only N 1 and N 2 prove that a write was not executed, so a setting refused
-   by them is sent again, unless the caller does that; N 99999 is sent again once.
+   by them is sent again, unless the caller does that; N 99999 and N 255 are sent again once.
 2. After a request without an answer the client drains the link, and a probe with another code must
    be answered before the same code is sent again (docs/reference/faults.md, F-5).
 3. R-DC may be answered as ACD, which is R-CD's answer (docs/reference/contradictions.md, B-36). A
@@ -25,6 +25,7 @@ from __future__ import annotations
 from itertools import cycle, islice
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
@@ -49,6 +50,7 @@ from jbclog.protocol.client.dialogue import (
 from jbclog.protocol.client.interface import Permit, PreparedRead, permit_all
 from jbclog.protocol.client.question import Question
 from jbclog.protocol.commands.command import Command, Effect
+from jbclog.protocol.commands.error_tables import UNDEFINED_ERRORS
 from jbclog.protocol.commands.ranges import WITHOUT_DATA
 from jbclog.protocol.commands.robot import COMMON
 
@@ -61,7 +63,7 @@ PROBE_COMMANDS = [
     for command in COMMON
     if command.name in ("model", "station_error", "maximum_temperature")
 ]
-BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
+BADLY_FORMED = 2  # communication error
 # refused by some stations (docs/reference/contradictions.md, B-19)
 EXTRACTOR_ORDER = ("status", "00010")
 
@@ -78,7 +80,6 @@ class Station(Dialogue):
 
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
         super().__init__(line, address, host_address)
-        self.data = ""
         self.permit: Permit = permit_all
         self._padded: Question | None = None  # R-TT with a blank, if the station needs it
         self._takes_bare = False  # the station answered R-TT without a blank
@@ -103,6 +104,7 @@ class Station(Dialogue):
         seen = self.turnaround_s
         if (
             self._doubted
+            or self._lost
             or question.is_short
             or seen is None
             or seen > FAST_S
@@ -112,6 +114,7 @@ class Station(Dialogue):
             return self._unusual_request(question)
         # `_begin`, when nothing is in doubt, buffered or slow
         self._last, self._pending, self._is_clear = self._pending, question.code, True
+        self._is_only_one = True
         self._doubted.append(question.code)
         self._request = request = question.usual
         return request
@@ -125,10 +128,12 @@ class Station(Dialogue):
         assert isinstance(question, Question)
         answer = question.known.get(heard.data)
         now, seen, flow = heard.now, self.turnaround_s, self.flow
-        if answer is None or seen is None or now >= flow.quiet_until:
+        if answer is None or seen is None or now >= flow.quiet_until or not self._is_only_one:
             return self._unusual_value(question, heard)
-        # `_count` and `_note_time`, for a plain answer, when none to an earlier request can be on
+        # `_count` and `_note_answer`, for a plain answer, when none to an earlier request can be on
         # its way
+        self.ended(True)
+        self.contradicted = None
         self.exchanges += 1
         flow.in_order += question.answer_length
         self.now = self.heard = now
@@ -141,6 +146,7 @@ class Station(Dialogue):
         self.turnaround_s = took if took > seen else seen * 0.999 + took * 0.001
         if not self._answer_from_station:
             self.anomalies.counts[6] += 1
+        self._answered = question
         self.data, value = answer
         return value
 
@@ -154,10 +160,10 @@ class Station(Dialogue):
         answer = question.known.get(data) or question.answer_in(data)
         if answer is None:
             return None
-        self._note_time(now, question, question.wire_s)
-        self.data, value = answer
+        text, value = answer
+        self._note_answer(now, question, question.wire_s, text)
         if question.odd or question.also:
-            self._note_form(question, self.data)
+            self._note_form(question, text)
         return value
 
     def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
@@ -194,7 +200,7 @@ class Station(Dialogue):
             if heard is None and question.code in self._doubted:
                 yield from self._settle(question)
             try:
-                self.data = text = yield from self._exchange(question, heard)
+                text = yield from self._exchange(question, heard)
                 value = question.value_of(text)
             except ValueError as error:  # a complete answer, so none is on its way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
@@ -206,7 +212,7 @@ class Station(Dialogue):
             except (*UNCERTAIN, NotReceived) as error:
                 failure = error
             except Refusal as error:
-                if error.code != UNDEFINED or tries < REPEATS:  # N 99999: once more
+                if error.code not in UNDEFINED_ERRORS or tries < REPEATS:  # once more
                     raise
                 failure = error
             else:
@@ -318,7 +324,7 @@ class Station(Dialogue):
             self.flow.came(heard.now, len(heard.data))
         if heard.data:
             self.strays["unasked"] += 1
-            self._reader.feed(heard.data)  # the next request drops these
+            self._look_behind(self._reader.feed(heard.data))
 
     def _ask_short(self, question: Question) -> Steps[Value]:
         """Send R-TT bare; if it was never answered and is refused or times out, send it with a
@@ -377,8 +383,8 @@ class Station(Dialogue):
                 yield from self._drain()
             try:
                 yield from self._exchange(probe)
-            except Refusal:
-                pass  # a refusal proves it as well
+            except (Refusal, AnswerContradicted):
+                pass  # they prove it as well
             except UNCERTAIN as error:
                 failure, unanswered = error, unanswered + 1
                 if unanswered == PROBES:
