@@ -192,6 +192,26 @@ def test_a_tool_that_rests_is_not_ordered(tmp_path: Path, state: int) -> None:
     assert "got no order: it was last read in" in problems(folder)["ucr-1 port 1"]
 
 
+def test_a_tool_that_rests_is_not_woken_where_all_answer(tmp_path: Path) -> None:
+    (tmp_path / "line").mkdir()
+    recipe = RECIPE.replace('status = "working"\n', "").replace("= 350", "= 340")
+    with ServedLine(tmp_path / "line", recipe=recipe) as line:
+        for port in line.tools():
+            port.order(WORKING, False)
+        resting = line.stations["dde-1"].plant.ports[1]
+        resting.order(SLEEP, False)
+        run = at_work(line, tmp_path / "runs", TOOLS - 1)
+        assert until(lambda: is_sampling(tmp_path / "runs"))
+        time.sleep(1.5)
+        blow, _ = struck(run)
+        ended(run)
+        assert line.at_work() == 0
+        orders = {(order.station, order.port) for order in line.orders(blow.at)}
+        assert resting.doing.state == SLEEP
+    assert ("dde-1", 2) in orders
+    assert ("dde-1", 1) not in orders
+
+
 def test_a_station_that_fell_silent_long_before_is_not_ordered(
     line: ServedLine, tmp_path: Path
 ) -> None:
