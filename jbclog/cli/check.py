@@ -28,9 +28,8 @@ def check(
     """Check a run's integrity.
 
     Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the
-    rules of the run's version. Compares stored joints with the bounds that the raw power sets.
-    Compares what the report repeats of the record (its joints, metrics
-    and figures: report --verify). Checks the previous and next run on the same line if they are in
+    rules of this version. Compares stored joints with the bounds that the raw power sets.
+    Checks the previous and next run on the same line if they are in
     the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
     of which something is not compared. The last line shows the run's fingerprint, to compare with a
     printed report.
@@ -42,13 +41,11 @@ def check(
     from jbclog.analysis.joint_bounds import beyond_bounds
     from jbclog.analysis.rejudge import check_verdict
     from jbclog.analysis.run import open_run
-    from jbclog.record.annotations import REPORT
     from jbclog.record.chains import HEAD, SHOWN, digits, short_head
     from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
     from jbclog.record.cross_check import uncovered
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
-    from jbclog.report.agreement import compare_report
 
     if head is not None and not HEAD.fullmatch(head):
         raise UsageError(
@@ -57,21 +54,17 @@ def check(
         )
     expect_run(run)
     found, notes, bare = check_run(run, head), list[str](), list[tuple[str, str]]()
-    if not found:  # a changed record would change the verdict and the report, too
-        verdict, (differing, not_compared) = (
-            check_verdict(run, read_manifest(run)),
-            compare_report(run),
-        )
+    if not found:  # a changed record would change the verdict, too
+        verdict = check_verdict(run, read_manifest(run))
         found = [
             *(Finding(NAME, text) for text in verdict.differing),
-            *(Finding(REPORT, text) for text in differing),
             *(Finding("joints", text) for text in beyond_bounds(open_run(run))),
         ]
-        notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
+        notes = verdict.notes
     if read_manifest(run).is_sealed:
         bare += uncovered(run, head)
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
-    apart += ["verdict not recomputed in full"] * bool(notes)
+    apart += ["verdict not recomputed"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")

@@ -38,8 +38,6 @@ NOTHING: Final = "-"
 # the values of `Verdict` (analysis/verdict/verdict.py), which is slow to import
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
-# states in the manifest, which release 1 showed
-OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 
 @reports_errors
@@ -91,7 +89,7 @@ def runs(
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
-    _expect_word("--state", state, STATES, OLD_STATES)
+    _expect_word("--state", state, STATES)
     wanted = Filter(
         operator=operator,
         order=order,

@@ -197,7 +197,7 @@ class Filter:
             (self.station, run.stations),
             (self.recipe, [*run.recipes, *(recipe.rpartition("@")[0] for recipe in run.recipes)]),
             (self.verdict and self.verdict.upper(), [run.verdict]),
-            (self.state, [run.state, run.exit_status, run.shown_state]),
+            (self.state, [run.shown_state]),
             *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
         ]
         if any(text is not None and not _fits(text, those) for text, those in sought):

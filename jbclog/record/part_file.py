@@ -50,10 +50,11 @@ class PartFile:
         self._name = name
         try:
             self.metadata: pq.FileMetaData = pq.read_metadata(pa.BufferReader(footer))
+            names = self.metadata.schema.names
             self._file = pq.ParquetFile(
                 source,
                 metadata=self.metadata,
-                read_dictionary=list(coded) or None,
+                read_dictionary=[name for name in coded if name in names] or None,
                 page_checksum_verification=True,
             )
             # as stored; the file's own `schema_arrow` has the types after reading

@@ -40,7 +40,7 @@ from common import RECIPE, in_own_process, virtual_stations
 from growth_page import Point, write_page
 from recorder import record
 
-from jbclog.analysis.rule_versions import RULES
+from jbclog.analysis.rules_number import RULES
 from jbclog.analysis.store.place import place_of
 from jbclog.analysis.store.statistics import Task
 from jbclog.app.publish.folder import publish_all

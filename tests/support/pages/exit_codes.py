@@ -12,8 +12,7 @@ MEANINGS: Mapping[Exit, str] = {
     Exit.NOT_FINE: (
         "Finished, and found a problem. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED,"
         " an alarm, a changed setting, fewer units or joints than required. `audit`: maintenance is"
-        " due. `check`, `report --verify`, `doctor`: a finding, or a report that cannot be"
-        " compared. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
+        " due. `check`, `doctor`: a finding. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
     ),
     Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
     Exit.STATION: (
