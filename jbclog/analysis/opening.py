@@ -1,4 +1,4 @@
-"""Opens runs in folders and in stores (`jbclog publish`)."""
+"""Opens runs in folders."""
 
 from __future__ import annotations
 
@@ -6,28 +6,12 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from jbclog.analysis import run as folders
-from jbclog.analysis.run import Run
+from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import Moment
 from jbclog.analysis.runs import Runs, filter_of
-from jbclog.analysis.store.place import is_in_store, is_store, place_of
 from jbclog.core.errors import RecordError
 
-
-def open_run(path: str | os.PathLike[str]) -> Run:
-    """Open a run: sealed, still being recorded, or cut off by a crash.
-
-    `path` is the run's folder, or ``STORE/RUN`` for a run of a store (`jbclog publish`), which is
-    read at the store's newest version. Raises `RecordError` if the run cannot be read.
-    """
-    given = Path(path)
-    if not is_in_store(given):
-        return folders.open_run(given)
-    from jbclog.analysis.store.reader import Store
-    from jbclog.analysis.store.run import StoredRun
-
-    store = Store(place_of(given.parent))
-    return StoredRun(store, store.run(given.name))
+__all__ = ["open_run", "open_runs"]
 
 
 def open_runs(
@@ -38,8 +22,7 @@ def open_runs(
     tags: Mapping[str, str] | None = None,
     **texts: str | None,
 ) -> Runs:
-    """Find the runs below `folder`, or in a store (also ``s3://BUCKET/PATH``), that match all
-    conditions.
+    """Find the runs below `folder` that match all conditions.
 
     - `since`, `until`: start of the run, UTC if without a zone; `since` is included, `until` is not
     - `tags`: names and values that the run must have
@@ -49,10 +32,6 @@ def open_runs(
 
     Raises `UsageError` for an unknown condition, `RecordError` if `folder` does not exist.
     """
-    if is_store(folder):
-        from jbclog.analysis.store.runs import StoredRuns
-
-        return StoredRuns(place_of(folder), filter_of(since, until, tags, texts))
     path = Path(folder)
     if not path.is_dir():
         raise RecordError(f"{path} is missing, or not a folder")

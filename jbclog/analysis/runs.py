@@ -12,15 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, partial
+from functools import cached_property
 from math import isclose
 from pathlib import Path
-from typing import Final, Generic, Protocol, TypeVar, cast, overload
+from typing import Final, Protocol, TypeVar, overload
 
 import pandas as pd
 import pyarrow as pa
 
-from jbclog.analysis.fleet.engine import MUCH_RUNS, engine_of
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_tables import Moment, utc
@@ -39,7 +38,6 @@ from jbclog.record.manifest import manifest_sha256
 
 T = TypeVar("T")
 
-TOGETHER: Final = 8  # runs opened by one task
 MOST_SAID: Final = 500  # characters of the reason why a run cannot be read
 TEXTS: Final = (
     "run",
@@ -118,47 +116,6 @@ class Records:
 
 
 RECORDS: Final = Records()
-
-
-class Together(Protocol):
-    """A group of runs, sent to the process that opens them."""
-
-    def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield a function for each run that opens it."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class FoldersTogether:
-    """Runs in folders, which have the same path in every process."""
-
-    folders: tuple[Path, ...]
-
-    def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield a function for each run that opens it."""
-        return (partial(open_run, folder) for folder in self.folders)
-
-
-@dataclass(frozen=True, slots=True)
-class OfEach(Generic[T]):
-    """Calls a function for each run of a group. An error of type `caught` is stored for its run;
-    any other ends the work.
-    """
-
-    function: Callable[[Run], T]
-    caught: type[Exception]
-
-    def __call__(self, those: Together) -> list[tuple[T | None, str | None]]:
-        """Return for each run the result and None, or None and why it cannot be read."""
-        return [self._one(opener) for opener in those.openers()]
-
-    def _one(self, opener: Callable[[], Run]) -> tuple[T | None, str | None]:
-        try:
-            return self.function(opener()), None
-        except UsageError:
-            raise
-        except (RecordError, self.caught) as error:
-            return None, _why_unreadable(error)
 
 
 def _why_unreadable(error: Exception) -> str:
@@ -326,52 +283,17 @@ class Runs(Sequence[Run]):
             raise UsageError(f"no run has a station {station!r}; there are {', '.join(names)}")
         return those
 
-    def map(
-        self, function: Callable[[Run], T], scheduler: str | None = None
-    ) -> Iterator[tuple[Found, T]]:
+    def map(self, function: Callable[[Run], T]) -> Iterator[tuple[Found, T]]:
         """Yield each run, in order, with the result of `function`; a run that cannot be read is
-        added to `unreadable`.
-
-        `scheduler` (``tcp://HOST:PORT`` or ``tls://HOST:PORT``) is a Dask scheduler whose workers
-        call the function and open the runs by the same path. Without one, 64 runs or more are
-        spread over processes of this computer; guard such a script by ``if __name__ ==
-        "__main__":``. Other exceptions of the function propagate. Raises `RecordError` if the
-        scheduler is lost.
+        added to `unreadable`. Other exceptions of the function propagate.
         """
-        return self._mapped(function, self.found, scheduler, RecordError)
-
-    def on(self, scheduler: str | None) -> Runs:
-        """Search again, and let the workers of a scheduler compute.
-
-        Raises `UsageError` here: a scheduler reads stores only.
-        """
-        if scheduler is None:
-            return self.refreshed()
-        raise UsageError(
-            f"{self.folder} is a folder of runs, and a scheduler reads stores; `jbclog publish"
-            f" {self.folder} STORE` makes one"
-        )
-
-    def _mapped(
-        self,
-        function: Callable[[Run], T],
-        those: Sequence[Found],
-        scheduler: str | None,
-        caught: type[Exception],
-    ) -> Iterator[tuple[Found, T]]:
-        groups = [those[start : start + TOGETHER] for start in range(0, len(those), TOGETHER)]
-        engine = engine_of(scheduler, is_much=len(those) >= MUCH_RUNS)
-        for group, results in zip(
-            groups, engine.run(OfEach(function, caught), map(self._together, groups)), strict=True
-        ):
-            for one, (result, why) in zip(group, results, strict=True):
-                if why is None:
-                    yield one, cast(T, result)
-                else:
-                    self._add_unreadable(one.folder, why)
-
-    def _together(self, those: Sequence[Found]) -> Together:
-        return FoldersTogether(tuple(one.folder.absolute() for one in those))
+        for one in self.found:
+            try:
+                result = function(self.open(one))
+            except RecordError as error:
+                self._add_unreadable(one.folder, _why_unreadable(error))
+            else:
+                yield one, result
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return self.source.metrics(found, METRIC_NAMES, station)

@@ -10,7 +10,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.loading import drawing, without_collector
-from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_run, is_runs
+from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_run, is_folder
 from jbclog.cli.output import (
     echo,
     echo_json,
@@ -121,14 +121,11 @@ def chart(
 
 def _is_run(source: Path) -> bool:
     """Return whether `source` is one run; else it is a folder of runs. Raises `UsageError`."""
-    from jbclog.analysis.store.place import is_in_store, is_store
     from jbclog.record.recover import is_run
 
-    if is_in_store(source):
-        return True
-    if not is_runs(source):
+    if not is_folder(source):
         raise UsageError(NO_FOLDER.format(source))
-    if is_store(source) or not is_run(Path(os.path.realpath(source))):
+    if not is_run(Path(os.path.realpath(source))):
         return False
     expect_run(source)
     return True

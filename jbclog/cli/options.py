@@ -43,13 +43,6 @@ def is_folder(path: Path) -> bool:
         return False
 
 
-def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder or a store of runs. Raises as `is_folder`."""
-    from jbclog.analysis.store.place import is_store  # not imported by --help
-
-    return is_store(path) or is_folder(path)
-
-
 def expect_file_place(option: str, path: Path | None) -> None:
     """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could
     block.
@@ -139,10 +132,7 @@ UNTIL_JOINTS = typer.Option(
     help="End after N joints, all stations together.",
     show_default=False,
 )
-RUNS_OR_STORE = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store.")
-STORE = typer.Argument(
-    ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
-)
+RUNS = typer.Argument(Path("runs"), metavar="DIR", help="Folder of runs.")
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs.")
 RUN = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False)
 STATION_NAMED = typer.Argument(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, is_runs
+from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
 from jbclog.core.text import shortened
@@ -45,7 +45,7 @@ OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 @reports_errors
 def runs(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS,
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
     order: str | None = options.ORDER,
     product: str | None = options.PRODUCT,
@@ -87,11 +87,10 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
-    from jbclog.analysis.store.place import is_store, place_of
     from jbclog.app.index.run_index import run_index
     from jbclog.record.find_runs import Filter, find
 
-    if not is_runs(folder):
+    if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
     _expect_word("--state", state, STATES, OLD_STATES)
@@ -112,13 +111,6 @@ def runs(
         since=moment("--since", since),
         until=moment("--until", until, is_end=True),
     )
-    if is_store(folder):
-        from jbclog.analysis.store.reader import Store
-
-        place = place_of(folder)
-        those: Iterable[Found | Unreadable] = [one.found for one in Store(place).runs(wanted)]
-        _print(those, place.path, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
-        return
     with nullcontext() if no_cache else run_index() as index:
         those = find(folder, wanted) if index is None else index.find(folder, wanted)
         _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)

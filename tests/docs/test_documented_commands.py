@@ -184,8 +184,7 @@ SNIPPETS = {
 
 
 def test_there_are_no_other_snippets() -> None:
-    # the first runs in faults/test_fleet.py
-    assert set(SNIPPETS) == {"many-computers.md", "read-a-run.md", "watch.md"}
+    assert set(SNIPPETS) == {"read-a-run.md", "watch.md"}
 
 
 def test_the_snippet_of_the_live_view_runs_on_a_demo(demo: Demo, tmp_path: Path) -> None:
@@ -242,10 +241,8 @@ def test_every_toml_block_is_a_file_that_a_test_reads() -> None:
 
 
 def test_every_block_is_of_a_kind_that_a_test_knows() -> None:
-    """`text` is printed, not typed; `yaml` is another program's file, `sql` is run by
-    `unit/analysis/store/test_readers.py`.
-    """
-    known = {"sh", "toml", "python", "text", "yaml", "sql", "{toctree}", "{admonition}"}
+    """`text` is printed, not typed; `yaml` is another program's file."""
+    known = {"sh", "toml", "python", "text", "yaml", "{toctree}", "{admonition}"}
     kinds = {
         name.split()[0] if name else ""
         for page in DOCS.rglob("*.md")

@@ -21,10 +21,7 @@ MEANINGS: Mapping[Exit, str] = {
         " keep the rate; the run then starts on none (with `--allow-missing`, only if none starts)."
         " Or a station was disconnected at the end, or another run holds a port."
     ),
-    Exit.RECORD: (
-        "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or the store"
-        " cannot be read or written."
-    ),
+    Exit.RECORD: "The record is incomplete: crash, disk, hashes.",
     Exit.UNSAFE: (
         "A tool could not be put in its safe state. The last lines name station, port and last"
         " temperature."
@@ -33,9 +30,7 @@ MEANINGS: Mapping[Exit, str] = {
         "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools"
         " safe. Also `watch` at Ctrl-C."
     ),
-    Exit.TERMINATED: (
-        "The same by SIGTERM or SIGHUP; also `watch --web` and `publish --follow` at SIGTERM."
-    ),
+    Exit.TERMINATED: "The same by SIGTERM or SIGHUP; also `watch --web` at SIGTERM.",
 }
 
 RULES = """

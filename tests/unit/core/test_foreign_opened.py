@@ -73,10 +73,6 @@ ALLOWED = {
         "what was just written, to sync it; to add a line, looked at by `expect_opened`"
     ),
     "sim/links.py:os.open": "a pseudo terminal of a virtual station",
-    "analysis/store/place.py:DeltaTable": "looked through by `_expect_plain_log` before",
-    "analysis/store/reader.py:make_fragment": "looked at by `expect_files` in the line before",
-    "analysis/store/rows.py:open_input_file": "looked at by `Store.bounded` before",
-    "analysis/store/parts.py:make_fragment": "files of `Store.dataset`, which looks through them",
     "config/load_recipe.py:read_text": (
         "the function of `core/foreign/toml_reader.py`, which reads through `read_foreign`"
     ),
@@ -93,9 +89,7 @@ ALLOWED = {
 
 WRITES = {"write_bytes", "write_text", "touch"}
 WRITTEN = {
-    "analysis/store/run.py:write_bytes": "a folder of its own; `is_name` looks at the names",
     "app/export/csv_files.py:write_text": "a folder that it has just made",
-    "app/publish/safe_place.py:write_bytes": "a name drawn at random",
     "app/run/metrics_cache.py:write_bytes": "the kernel's own, below /proc",
     "cli/demo.py:write_text": "a folder that it has just made",
     "cli/scan.py:write_text": "a file that the user names",
