@@ -1,38 +1,23 @@
-"""Opens runs in folders."""
+"""Opens a run, wherever it is."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
-from jbclog.analysis.run import open_run
-from jbclog.analysis.run_tables import Moment
-from jbclog.analysis.runs import Runs, filter_of
-from jbclog.core.errors import RecordError
-
-__all__ = ["open_run", "open_runs"]
+from jbclog.analysis import run as folders
+from jbclog.analysis.published_run import PublishedRun
+from jbclog.analysis.run import Run
+from jbclog.record.published import Tree, is_published
 
 
-def open_runs(
-    folder: str | os.PathLike[str] = "runs",
-    *,
-    since: Moment | None = None,
-    until: Moment | None = None,
-    tags: Mapping[str, str] | None = None,
-    **texts: str | None,
-) -> Runs:
-    """Find the runs below `folder` that match all conditions.
+def open_run(path: str | os.PathLike[str]) -> Run:
+    """Open a run: sealed, still being recorded, or cut off by a crash.
 
-    - `since`, `until`: start of the run, UTC if without a zone; `since` is included, `until` is not
-    - `tags`: names and values that the run must have
-    - `texts`: `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
-      `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; the whole text must
-      match, ``*`` stands for any characters
-
-    Raises `UsageError` for an unknown condition, `RecordError` if `folder` does not exist.
+    `path` is the run's folder, or ``TABLE/RUN`` for a published run (`jbclog publish`), also
+    ``s3://BUCKET/PATH/RUN``. Raises `RecordError` if the run cannot be read.
     """
-    path = Path(folder)
-    if not path.is_dir():
-        raise RecordError(f"{path} is missing, or not a folder")
-    return Runs(path, filter_of(since, until, tags, texts))
+    given = Path(path)
+    if is_published(given):
+        return PublishedRun(Tree.at(given.parent), given.name)
+    return folders.open_run(given)

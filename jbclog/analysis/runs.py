@@ -10,18 +10,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from math import isclose
 from pathlib import Path
-from typing import Final, Protocol, TypeVar, overload
+from typing import Final, Protocol, TypeVar, cast, overload
 
 import pandas as pd
 import pyarrow as pa
 
 from jbclog.analysis.notebook_html import runs_html
-from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.opening import open_run
+from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import Moment, utc
 from jbclog.analysis.stored_tables import (
     JOINTS_SCHEMA,
@@ -31,10 +33,12 @@ from jbclog.analysis.stored_tables import (
     metric_table,
     stored_metrics,
 )
-from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
+from jbclog.analysis.workers import HERE, OfRun, Workers, why_unreadable
+from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import count_text, shortened
-from jbclog.record.find_runs import ALL, SEALED, Copy, Filter, Found, Unreadable, find, once
+from jbclog.record.find_runs import ALL, SEALED, Copy, Filter, Found, Unreadable, once
 from jbclog.record.manifest import manifest_sha256
+from jbclog.record.published import Tree, TreePath, find_in, is_table
 
 T = TypeVar("T")
 
@@ -75,6 +79,11 @@ class Source(Protocol):
         """
         ...
 
+    @property
+    def records(self) -> Records:
+        """How workers read the metrics of a run."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Records:
@@ -86,17 +95,29 @@ class Records:
     cache: bool = False
 
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-        return find(folder, wanted)
+        return find_in(folder, wanted)
+
+    @property
+    def records(self) -> Records:
+        return self
 
     def metrics(
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
-        known = self.known(run)
+        known = None if isinstance(run.folder, TreePath) else self.known(run)
         if known is not None:
             return [row for row in known if station in (None, row.station)]
-        from jbclog.analysis.run_metrics import computed_metrics, metric_rows_of
+        return self.of(open_run(run.folder), station)
 
-        return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)
+    def of(self, run: Run, station: str | None = None) -> list[MetricRow]:
+        """Return the metrics of an opened run. Raises `RecordError`."""
+        if run.manifest.is_sealed:
+            known = self._left(run.folder, manifest_sha256(run.folder))
+            if known is not None:
+                return [row for row in known if station in (None, row.station)]
+        from jbclog.analysis.run_metrics import computed_metrics
+
+        return computed_metrics(run, station)
 
     def known(self, run: Found) -> list[MetricRow] | None:
         """Return the metrics that a report or the recorder left; None if missing or of another run.
@@ -107,22 +128,17 @@ class Records:
             return None
         if manifest_sha256(run.folder) != run.manifest_sha256:
             return None
-        known = stored_metrics(run.folder, run.manifest_sha256) if self.stored else None
-        return (
-            cached_metrics(run.folder, run.manifest_sha256)
-            if known is None and self.cache
-            else known
-        )
+        return self._left(run.folder, run.manifest_sha256)
+
+    def _left(self, folder: Path, sha256: str) -> list[MetricRow] | None:
+        """Return the metrics in a sealed run's folder."""
+        known = stored_metrics(folder, sha256) if self.stored else None
+        if known is None and self.cache:
+            return cached_metrics(folder, sha256)
+        return known
 
 
 RECORDS: Final = Records()
-
-
-def _why_unreadable(error: Exception) -> str:
-    """Return why a run cannot be read; foreign rows can raise anything."""
-    if isinstance(error, RecordError):
-        return str(error)
-    return f"its tables cannot be read: {unexpected_error_text(error)}"
 
 
 class Runs(Sequence[Run]):
@@ -133,10 +149,13 @@ class Runs(Sequence[Run]):
     be read, so that it is not known whether they match, and those that `each` could not read.
     """
 
-    def __init__(self, folder: Path, wanted: Filter, source: Source = RECORDS) -> None:
+    def __init__(
+        self, folder: Path, wanted: Filter, source: Source = RECORDS, workers: Workers = HERE
+    ) -> None:
         self.folder = folder
         self.wanted = wanted
         self.source = source
+        self.workers = workers
 
     @cached_property
     def _search(self) -> tuple[list[Found], list[Unreadable]]:
@@ -174,7 +193,7 @@ class Runs(Sequence[Run]):
 
     def through(self, source: Source) -> Runs:
         """Search again with another source of runs and metrics."""
-        return Runs(self.folder, self.wanted, source)
+        return Runs(self.folder, self.wanted, source, self.workers)
 
     def __len__(self) -> int:
         return len(self.found)
@@ -255,6 +274,8 @@ class Runs(Sequence[Run]):
         self, station: str | None = None, names: Collection[str] | None = None
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each readable run with its rows of `metrics`, at least those of `names`."""
+        if self.workers != HERE:
+            return self._mapped(partial(self.source.records.of, station=station), Exception)
         return self.each(
             lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station)
         )
@@ -269,7 +290,7 @@ class Runs(Sequence[Run]):
             except UsageError:
                 raise
             except Exception as error:
-                self._add_unreadable(one.folder, _why_unreadable(error))
+                self._add_unreadable(one.folder, why_unreadable(error))
             else:
                 yield one, read_here
 
@@ -285,15 +306,25 @@ class Runs(Sequence[Run]):
 
     def map(self, function: Callable[[Run], T]) -> Iterator[tuple[Found, T]]:
         """Yield each run, in order, with the result of `function`; a run that cannot be read is
-        added to `unreadable`. Other exceptions of the function propagate.
+        added to `unreadable`.
+
+        The function is called here, in processes, or on a scheduler: see `open_runs`. A
+        script that starts processes does so below ``if __name__ == "__main__":``. Its other
+        exceptions propagate. Raises `RecordError` if the scheduler is lost.
         """
-        for one in self.found:
-            try:
-                result = function(self.open(one))
-            except RecordError as error:
-                self._add_unreadable(one.folder, _why_unreadable(error))
+        return self._mapped(function, RecordError)
+
+    def _mapped(
+        self, function: Callable[[Run], T], caught: type[Exception]
+    ) -> Iterator[tuple[Found, T]]:
+        found = self.found
+        paths = [str(one.folder.absolute()) for one in found]
+        results = self.workers.map(OfRun(function, caught), paths)
+        for one, (result, why) in zip(found, results, strict=True):
+            if why is None:
+                yield one, cast(T, result)
             else:
-                yield one, result
+                self._add_unreadable(one.folder, why)
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return self.source.metrics(found, METRIC_NAMES, station)
@@ -339,6 +370,40 @@ def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.D
     )
     table.insert(0, "run", names)
     return table
+
+
+def open_runs(
+    folder: str | os.PathLike[str] = "runs",
+    *,
+    since: Moment | None = None,
+    until: Moment | None = None,
+    tags: Mapping[str, str] | None = None,
+    processes: int = 1,
+    scheduler: str | None = None,
+    **texts: str | None,
+) -> Runs:
+    """Find the runs below `folder`, or published runs (also ``s3://BUCKET/PATH``), that match all
+    conditions.
+
+    - `since`, `until`: start of the run, UTC if without a zone; `since` is included, `until` is not
+    - `tags`: names and values that the run must have
+    - `texts`: `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
+      `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; the whole text must
+      match, ``*`` stands for any characters
+    - `processes`, `scheduler`: where `Runs.map` calls its function: in so many processes of this
+      computer, or by the workers of a Dask scheduler at ``tcp://HOST:PORT`` or ``tls://HOST:PORT``
+
+    Raises `UsageError` for an unknown condition, or an address that none is; `RecordError` if
+    `folder` does not exist.
+    """
+    workers = Workers(processes, scheduler)
+    wanted = filter_of(since, until, tags, texts)
+    if is_table(folder):
+        return Runs(Tree.at(folder).path, wanted, RECORDS, workers)
+    path = Path(folder)
+    if not path.is_dir():
+        raise RecordError(f"{path} is missing, or not a folder")
+    return Runs(path, wanted, RECORDS, workers)
 
 
 def filter_of(

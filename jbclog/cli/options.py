@@ -43,6 +43,13 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def is_runs(path: Path) -> bool:
+    """Return whether `path` is a folder, or a table of published runs. Raises as `is_folder`."""
+    from jbclog.record.published import is_table  # not imported by --help
+
+    return is_table(path) or is_folder(path)
+
+
 def expect_file_place(option: str, path: Path | None) -> None:
     """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could
     block.
@@ -76,6 +83,14 @@ def expect_run(folder: Path) -> None:
             f"{folder}: no manifest, the run was cut off at its start; finish it with `jbclog"
             f" recover {folder}`"
         )
+
+
+def expect_run_or_published(path: Path) -> None:
+    """As `expect_run`; ``TABLE/RUN`` is accepted, too."""
+    from jbclog.record.published import is_published  # not imported by --help
+
+    if not is_published(path):
+        expect_run(path)
 
 
 # -- options ---------------------------------------------------------------------------------------
@@ -133,8 +148,14 @@ UNTIL_JOINTS = typer.Option(
     show_default=False,
 )
 RUNS = typer.Argument(Path("runs"), metavar="DIR", help="Folder of runs.")
+RUNS_OR_TABLE = typer.Argument(
+    Path("runs"), metavar="DIR|TABLE", help="Folder of runs, or published runs."
+)
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs.")
 RUN = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False)
+RUN_OR_PUBLISHED = typer.Argument(
+    ..., metavar="RUN", help="Run folder, or TABLE/RUN.", show_default=False
+)
 STATION_NAMED = typer.Argument(
     ...,
     metavar="STATION",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, is_folder
+from jbclog.cli.options import NO_FOLDER, is_runs
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
 from jbclog.core.text import shortened
@@ -45,7 +45,7 @@ OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 @reports_errors
 def runs(
-    folder: Path = options.RUNS,
+    folder: Path = options.RUNS_OR_TABLE,
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
     order: str | None = options.ORDER,
     product: str | None = options.PRODUCT,
@@ -88,9 +88,10 @@ def runs(
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
     from jbclog.app.index.run_index import run_index
-    from jbclog.record.find_runs import Filter, find
+    from jbclog.record.find_runs import Filter
+    from jbclog.record.published import find_in, shown_path
 
-    if not is_folder(folder):
+    if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
     _expect_word("--state", state, STATES, OLD_STATES)
@@ -112,8 +113,8 @@ def runs(
         until=moment("--until", until, is_end=True),
     )
     with nullcontext() if no_cache else run_index() as index:
-        those = find(folder, wanted) if index is None else index.find(folder, wanted)
-        _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+        those = find_in(folder, wanted) if index is None else index.find(folder, wanted)
+        _print(those, shown_path(folder), unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def _expect_word(

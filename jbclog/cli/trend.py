@@ -10,7 +10,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.loading import drawing, without_collector
-from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_file_place, is_folder
+from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_file_place, is_runs
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import exact_figures
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @reports_errors
 def trend(
-    folder: Path = options.RUNS,
+    folder: Path = options.RUNS_OR_TABLE,
     metric: str = typer.Option(
         "idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."
     ),
@@ -39,6 +39,9 @@ def trend(
     plot: Path | None = options.PLOT,
     html: Path | None = typer.Option(
         None, "--html", metavar="FILE", help="HTML page with chart and table."
+    ),
+    scheduler: str | None = typer.Option(
+        None, metavar="ADDRESS", help="Dask scheduler whose workers read the runs: tcp://HOST:8786."
     ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = options.AS_JSON,
@@ -65,7 +68,7 @@ def trend(
         from jbclog.app.index.run_index import run_index
 
     with nullcontext(Records(stored=False)) if no_cache else run_index() as source:
-        runs = _runs(folder, line, recipe, product, order, since, until).through(source)
+        runs = _runs(folder, line, recipe, product, order, since, until, scheduler).through(source)
         found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)
@@ -81,16 +84,24 @@ def _runs(
     order: str | None,
     since: str | None,
     until: str | None,
+    scheduler: str | None,
 ) -> Runs:
     with without_collector():
-        from jbclog.analysis.opening import open_runs
+        from jbclog.analysis.runs import open_runs
         from jbclog.cli.runs import moment
 
-    if not is_folder(folder):
+    if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     begin, end = moment("--since", since), moment("--until", until, is_end=True)
     return open_runs(
-        folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end
+        folder,
+        line=line,
+        recipe=recipe,
+        product=product,
+        order=order,
+        since=begin,
+        until=end,
+        scheduler=scheduler,
     )
 
 

@@ -46,8 +46,10 @@ from jbclog.record.find_runs import (
 from jbclog.record.folder import FOLDER as RECIPES
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.manifest import NAME as MANIFEST
+from jbclog.record.published import TreePath, find_in, is_table
 
 if TYPE_CHECKING:
+    from jbclog.analysis.runs import Records
     from jbclog.analysis.stored_tables import MetricRow
 
 # files that `Records.known` reads
@@ -89,6 +91,9 @@ class RunIndex:
 
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
         """Yield the matching runs as `find_runs.find` does. Raises `RecordError`."""
+        if is_table(folder):
+            yield from find_in(folder, wanted)
+            return
         paths = runs_in(folder)
         if paths == [folder] or wanted.ended_since is not None:
             yield from find(folder, wanted)
@@ -105,16 +110,20 @@ class RunIndex:
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
         """Return at least the metrics `names` of a run, as `Records` does. Raises `RecordError`."""
-        if run.state == SEALED:
+        if run.state == SEALED and not isinstance(run.folder, TreePath):
             rows = self._of_sealed(run, names)
         else:
-            from jbclog.analysis.runs import Records
-
-            rows = Records(cache=True).metrics(run, names)
+            rows = self.records.metrics(run, names)
         return [row for row in rows if station in (None, row.station)]
 
-    def _of_sealed(self, run: Found, names: Collection[str]) -> list[MetricRow]:
+    @property
+    def records(self) -> Records:
+        """How runs are read that the index does not have."""
         from jbclog.analysis.runs import Records
+
+        return Records(cache=True)
+
+    def _of_sealed(self, run: Found, names: Collection[str]) -> list[MetricRow]:
         from jbclog.analysis.stored_tables import METRIC_NAMES
 
         place, name = self._place(run.folder.parent), os.fsencode(run.folder.name)
@@ -126,7 +135,7 @@ class RunIndex:
         known = None if whole is None else self._metrics(place, name, whole.stamp, names)
         if known is not None:
             return known
-        records = Records(cache=True)
+        records = self.records
         rows = records.known(run)
         seen = whole if rows is None else left
         if rows is None:

@@ -12,8 +12,8 @@ MEANINGS: Mapping[Exit, str] = {
     Exit.NOT_FINE: (
         "Finished, and found a problem. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED,"
         " an alarm, a changed setting, fewer units or joints than required. `audit`: maintenance is"
-        " due. `check`, `report --verify`, `doctor`: a finding, or a report that cannot be"
-        " compared. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
+        " due. `check`, `publish --check`, `report --verify`, `doctor`: a finding, or a report that"
+        " cannot be compared. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
     ),
     Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
     Exit.STATION: (
@@ -21,7 +21,10 @@ MEANINGS: Mapping[Exit, str] = {
         " keep the rate; the run then starts on none (with `--allow-missing`, only if none starts)."
         " Or a station was disconnected at the end, or another run holds a port."
     ),
-    Exit.RECORD: "The record is incomplete: crash, disk, hashes.",
+    Exit.RECORD: (
+        "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or its place"
+        " cannot be read or written."
+    ),
     Exit.UNSAFE: (
         "A tool could not be put in its safe state. The last lines name station, port and last"
         " temperature."

@@ -22,10 +22,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
-from jbclog.analysis.runs import Records
+from jbclog.analysis.runs import Records, open_runs
 from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.analysis.trend import trends
 from jbclog.app.index import index_file, run_index
