@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.core.durable_files import sha256, sync_file, sync_folder
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import MIB, is_name
+from jbclog.core.foreign.files import MIB
 from jbclog.core.text import clean, shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import annotations_in, late_in
@@ -228,7 +228,8 @@ def key_of(run: str, name: str) -> str:
     Raises `RecordError` for a name that no run has.
     """
     parts = name.split("/")
-    if len(parts) > 2 or not all(map(is_name, parts)) or not RUN_NAME.fullmatch(run):
+    is_plain = len(parts) <= 2 and "\0" not in name and not {"", ".", ".."}.intersection(parts)
+    if not is_plain or not RUN_NAME.fullmatch(run):
         raise RecordError(f"{run:.100}: {name!r:.100} is no file of a run")
     if len(parts) == 1:
         parts = name.split(".", 1)
