@@ -1,4 +1,4 @@
-"""Control charts, capability and gauge studies: the public names of `jbclog.analysis.spc`."""
+"""Control charts and capability: the public names of `jbclog.analysis.spc`."""
 
 from jbclog.analysis.spc import *  # noqa: F403  # exactly what `__all__` names there
 from jbclog.analysis.spc import __all__ as __all__

@@ -45,6 +45,7 @@ os.environ["JBCLOG_NO_METRICS"] = "1"
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-cache-")
 # leases that tests leave open are not the user's
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")
+os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="jbclog-tests-runtime-")
 
 
 def ignore_here_only(number: signal.Signals) -> None:
@@ -67,7 +68,7 @@ a disk, a third of the time of those that record runs; `tests/faults` keeps thei
 
 NO_SKIP = bool(os.environ.get("JBCLOG_NO_SKIP"))
 
-for home in ("XDG_CACHE_HOME", "XDG_STATE_HOME"):
+for home in ("XDG_CACHE_HOME", "XDG_STATE_HOME", "XDG_RUNTIME_DIR"):
     atexit.register(shutil.rmtree, os.environ[home], ignore_errors=True)
 
 
@@ -299,3 +300,4 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 def own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """A state folder of its own: what one test left open is no other's."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))

@@ -27,7 +27,7 @@ from jbclog.core.text import count_text
 
 OF_VALUES: Final = ("imr", "ewma", "cusum", "xbar-s")
 NOT_A_METRIC: Final = ("start_s", "end_s", "confidence")
-RECOVERY: Final = "recovery_s"
+RECOVERY, DWELL = "recovery_s", "dwell_s"
 # above this share of joints without recovery, the others' figures would look too good
 MOST_LATE: Final = 0.05
 
@@ -121,10 +121,14 @@ def series_of_run(
         for (name, number), rows in run.joints(station).groupby(["station", "port"], sort=True)
         if port in (None, at := int(str(number)))
     ]
+    # joints are listed without a dwell where their number is not known
+    known = {one.place for one in found if len(one.values) or metric != DWELL}
+    not_known = _not_known(run, station, known)
     none = np.empty(0)
+    found = [one for one in found if one.place not in not_known]
     found += [
         Series(name, at, metric, units[metric], "joint", none, [], why=why)
-        for (name, at), why in _not_known(run, station, {one.place for one in found}).items()
+        for (name, at), why in not_known.items()
         if port in (None, at)
     ]
     return sorted(found, key=lambda one: one.place)

@@ -46,6 +46,8 @@ class Run(RunTables):
         - `onset_earliest`, `onset`: the episode began after the first and no later than the second
         - `end_earliest`, `end`: it ended after the first and no later than the second
         - `raised`: when it became known; `seconds`: from `onset` to `end`
+        - `seconds_least`, `seconds_most`: without its unread time, and with that right before
+          `onset`; null where all of it was read
         - `state`: active, cleared, or uncertain (not read for too long)
         - `confirmed`: a temperature supports the flag
         - `uncertain`: not read for too long in between

@@ -52,6 +52,8 @@ TABLE: Final = {
     "end": "time",
     "end_reason": "str",
     "seconds": "Float64",
+    "seconds_least": "Float64",
+    "seconds_most": "Float64",
     "peak_c": "Float64",
     "limit_c": "Float64",
     "delay_s": "Float64",
@@ -66,7 +68,14 @@ TABLE: Final = {
 
 ARROW_TYPES: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
 """Type of a column in `TABLE` -> Arrow type."""
-_UNITS: Final = {"seconds": "s", "peak_c": "°C", "limit_c": "°C", "delay_s": "s"}
+_UNITS: Final = {
+    "seconds": "s",
+    "seconds_least": "s",
+    "seconds_most": "s",
+    "peak_c": "°C",
+    "limit_c": "°C",
+    "delay_s": "s",
+}
 ALARMS_SCHEMA: Final = pa.schema(
     [
         pa.field(
@@ -185,6 +194,8 @@ class Alarms:
             "end": iso(episode.end_us),
             "end_reason": episode.end_reason,
             "seconds": episode.seconds,
+            "seconds_least": episode.seconds_least,
+            "seconds_most": episode.seconds_most,
             "peak_c": episode.peak_c,
             "limit_c": episode.limit_c,
             "delay_s": episode.on_delay_s,

@@ -48,7 +48,7 @@ from jbclog.record.schema import FLOAT, SCHEMAS
 
 T = TypeVar("T")
 
-AS_THEY_ARE: Final = ("fed", "why", "recovered")
+AS_THEY_ARE: Final = ("fed", "recovered")
 FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_permille_s": "energy"}
 """Column of the table -> field of a joint or its draw, where the names differ; floats are
 rounded.
@@ -207,7 +207,7 @@ def _as_a_whole(
     """Measure the ports of a station with a feeder."""
     for port, series, wire, utc_us in _whole_ports(run, facts, settings, counters):
         measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
-        edges = np.searchsorted(series.seconds, _edges(measured.joints) - 1e-6)
+        edges = np.searchsorted(series.moments, _edges(measured.joints) - 1e-6)
         places = np.clip(edges, 0, len(series.seconds) - 1)
         yield MeasuredPort(facts, port, measured, utc_us[places])
 
@@ -216,7 +216,7 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
     """Measure the ports of stations without a feeder, holding at most one window of each in
     memory.
     """
-    reader = _reader(run, stations)
+    reader = port_reader(run, stations)
     measuring: dict[PortKey, PortMeasuring] = {}
     every_setting = run.settings()
     for facts in stations:
@@ -237,7 +237,8 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
             )
 
 
-def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
+def port_reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
+    """Return a reader of the rows of all ports of these stations. Raises `RecordError`."""
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
     is_sealed = run.manifest.is_sealed  # else rows move from the live store to a part
     return PortReader(
@@ -274,10 +275,10 @@ def _whole_ports(
     """Yield, for a station with a feeder, each port's number, all its rows, the feeder's counter,
     and the UTC of the rows.
     """
-    reader = _reader(run, [facts])
+    reader = port_reader(run, [facts])
     for key, (series, utc_us) in reader.whole().items():
         port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
-        cycles = _cycles(counted, utc_us, series.seconds)
+        cycles = _cycles(counted, utc_us, series.moments)
         ordered_s = _ordered_s(facts, settings, port, clock)
         yield (
             port,
@@ -313,9 +314,9 @@ def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:
     return Wire(clock.of(_micros(length)), length["value"].to_numpy(dtype=np.float64), set_mm)
 
 
-def _cycles(counters: pd.DataFrame, rows_us: Counts, seconds: Floats) -> Cycles:
+def _cycles(counters: pd.DataFrame, rows_us: Counts, moments: Floats) -> Cycles:
     read = _counter(counters, CYCLES)
-    return cycles_of(_micros(read), read["value"].to_numpy(dtype=np.float64), rows_us, seconds)
+    return cycles_of(_micros(read), read["value"].to_numpy(dtype=np.float64), rows_us, moments)
 
 
 def _counter(counters: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -343,12 +344,15 @@ def _concatenated(joints: list[pa.Table]) -> pa.Table:
 
 def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array]:
     """Yield the columns of a port's joints in the order of the table."""
-    joints, rated_w = one.measured.joints, one.facts.rated_power_w
+    joints, rated_w, found = one.measured.joints, one.facts.rated_power_w, one.measured.found
+    number_why = None if found is None else found.why
 
     def floats(name: str, decimals: int = DECIMALS) -> pa.Array:
         return _rounded(floats_of(joints, name), decimals)
 
     def dwells() -> pa.Array:
+        if number_why is not None:
+            return pa.nulls(len(joints), FLOAT)
         seconds = floats_of(joints, "dwell_s")
         return _rounded(np.where(np.isnan(floats_of(joints, "heat")), np.nan, seconds))
 
@@ -366,6 +370,7 @@ def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array
         "end_s": lambda: floats("end_s", 6),
         "touches": lambda: column_of(joints, "contacts"),
         "dwell_s": dwells,
+        "why": lambda: [why or number_why for why in column_of(joints, "why")],
         "energy_j": joules,
         "confidence": lambda: _known(floats_of(joints, "confidence")),
         "kind": lambda: kinds_of(joints),

@@ -21,6 +21,7 @@ from jbclog.app.discovery import OnReport, search
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.durable_files import write_whole
+from jbclog.guard.open_leases import LIST_STEP, about_list
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
@@ -150,6 +151,17 @@ def _space(out: Path, free: int) -> Looked:
             "disk.space", str(out), what, f"free space on the disk of {nearest(out)}"
         )
     return Fine("disk", str(out), f"writable, {free / 1e9:.1f} GB free")
+
+
+# -- open leases -----------------------------------------------------------------------------------
+
+
+def look_at_lease_list(out: Path) -> Looked:
+    """Check whether the next run, also with another `--out`, would find tools left hot."""
+    is_listed, text = about_list(nearest(out))
+    if not is_listed:
+        return ScanFinding("guard.list", "open leases", f"they {text}", LIST_STEP)
+    return Fine("guard.list", "open leases", f"they {text or 'can be listed'}")
 
 
 # -- ports -----------------------------------------------------------------------------------------
@@ -464,7 +476,11 @@ def examine(
     """Check this machine and the stations of `line`; without a line, the USB ports, without opening
     them.
     """
-    looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
+    looked = [
+        *look_at_folder(out),
+        look_at_clock(time.time(), clock_is_kept()),
+        look_at_lease_list(out),
+    ]
     return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
 
 

@@ -114,13 +114,13 @@ def _reason(error: JbclogError, target: Target) -> str:
     return str(error).removeprefix(f"{target.name}: ")
 
 
-def close_leases(stations: Collection[StationMadeSafe]) -> list[Path]:
-    """Report the states read back to this user's runs that left these tools hot; return the runs'
-    folders.
+def close_leases(stations: Collection[StationMadeSafe], out: Path) -> list[Path]:
+    """Report the states read back to this user's runs, and those below `out`, that left these tools
+    hot; return the runs' folders.
     """
     by_lease = partial(_seen, stations)
     return open_leases.close(
-        [made.target.url for made in stations], by_lease, is_held, "jbclog safe"
+        [made.target.url for made in stations], by_lease, is_held, "jbclog safe", out
     )
 
 

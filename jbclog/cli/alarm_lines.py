@@ -76,6 +76,8 @@ def _state(one: Incident) -> str:
 def _span(one: Episode) -> str:
     begins = f"began {_between(one.onset_earliest_us, one.onset_us)}"
     seconds = "" if one.seconds is None else f", {one.seconds:.1f} s"
+    if one.seconds_least is not None:
+        seconds = f", {one.seconds_least:.1f} to {one.seconds_most:.1f} s, partly unread"
     ends = (
         ""
         if one.end_us is None

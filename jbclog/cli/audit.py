@@ -109,8 +109,8 @@ def audit(
 
     Intended for a timer. Sends only queries, and none that clears a value. Accepts a counter when
     two of at most three reads agree. Takes the counters of a station in use from its run's record.
-    Appends the readings to the ledger and totals the use since the first audit across resets and
-    roll-overs. With --runs, counts each error of a run once and shows the last tip verification.
+    Appends the readings to the ledger and totals the use since the first audit. Asks once why a
+    counter fell. With --runs, counts each error of a run once and shows the last tip verification.
 
     Exit code 1: something is due or suspect; 3: a station did not answer; 4: the ledger is damaged
     or cannot be written. The readings are shown in any case.
@@ -209,7 +209,6 @@ def _audited(
         audited.trouble,
         fail_on,
         next(iter(received), None),
-        audited.notices,
     )
 
 

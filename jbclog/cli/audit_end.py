@@ -92,6 +92,8 @@ def _below(row: DueRow) -> Iterator[tuple[str, str]]:
         for task in row.tasks
         if task.state is not State.FINE or task.told_by
     )
+    if one.question:
+        yield "suspect", one.question
     yield from (
         ("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts
     )
@@ -166,14 +168,13 @@ SIGNALLED = 128
 @dataclass(slots=True)
 class End:
     """Result of an audit. `trouble`: errors of the ledger, of runs and of output files. `stopped`:
-    the signal that ended it. `notices` change no exit code.
+    the signal that ended it.
     """
 
     audit: FleetAudit
     trouble: list[str]
     fail_on: Collection[Finding]
     stopped: signal.Signals | None = None
-    notices: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
 
     @property
@@ -204,14 +205,12 @@ class End:
     def show(self, *, as_json: bool) -> None:
         """Print the result on stdout, errors and files on stderr."""
         if as_json:
-            beside = {"trouble": self.trouble, "notices": self.notices, "files": self.files}
+            beside = {"trouble": self.trouble, "files": self.files}
             echo_json(plain_audit(self.audit) | beside | {"exit_code": self.code})
         else:
             echo(*lines(self.audit))
         for text in self.trouble:
             note(f"error: {text}")
-        for text in self.notices:
-            note(f"note: {text}")
         for path in self.files:
             note(f"written: {path}")
 

@@ -59,7 +59,6 @@ def batch(
     from jbclog.app.batch.resume import prepare
     from jbclog.app.batch.single_batch import hold
     from jbclog.cli.batch_progress import beginning, facts, intentions, local, print_table, shown_by
-    from jbclog.config.job_order import SystemZone
     from jbclog.config.jobs_file import load_jobs
 
     if resume and anew:
@@ -70,7 +69,7 @@ def batch(
     for text in plan.notes:
         note(f"note: {text}")
     with hold(home_of(out, jobs), jobs, local(time.time())):
-        prepared = prepare(plan, out, timing, SystemZone(), resume=resume, anew=anew)
+        prepared = prepare(plan, out, timing, resume=resume, anew=anew)
         note(*beginning(prepared), *(intentions(prepared) if resume else ()))
         shown = shown_by(prepared, color, quiet=as_json)
         executor = prepared.executor(shown, timing)

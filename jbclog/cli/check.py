@@ -28,7 +28,8 @@ def check(
     """Check a run's integrity.
 
     Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the
-    rules of the run's version. Compares what the report repeats of the record (its joints, metrics
+    rules of the run's version. Compares stored joints with the bounds that the raw power sets.
+    Compares what the report repeats of the record (its joints, metrics
     and figures: report --verify). Checks the previous and next run on the same line if they are in
     the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
     of which something is not compared. The last line shows the run's fingerprint, to compare with a
@@ -53,7 +54,9 @@ def check(
 
 def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
     """Check the run in `folder`, which is `run`, or a copy of that published run."""
+    from jbclog.analysis.joint_bounds import beyond_bounds
     from jbclog.analysis.rejudge import check_verdict
+    from jbclog.analysis.run import open_run
     from jbclog.record.annotations import REPORT
     from jbclog.record.chains import SHOWN, digits, short_head
     from jbclog.record.check import Finding
@@ -76,6 +79,7 @@ def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
         found = [
             *(Finding(NAME, text) for text in verdict.differing),
             *(Finding(REPORT, text) for text in differing),
+            *(Finding("joints", text) for text in beyond_bounds(open_run(folder))),
         ]
         notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
     if read_manifest(folder).is_sealed:

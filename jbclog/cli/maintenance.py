@@ -72,8 +72,9 @@ def maintenance(
     """Record maintenance done on a station, or list it.
 
     `done` appends the task, who did it and when to the ledger; `jbclog audit` counts the service
-    interval from there. The tasks counters-reset and station-replaced record events of the counters
-    themselves. The ledger is append-only: correct a mistake by another line.
+    interval from there. The tasks counters-reset, counters-rolled-over and station-replaced answer
+    why a counter fell; give --at, a time between the two audits. The ledger is append-only: correct
+    a mistake by another line.
 
     \b
     Example:

@@ -36,6 +36,7 @@ ALREADY = {
 def safe(
     ctx: typer.Context,
     line: Path = options.LINE,
+    out: Path = options.OUT,
     wait: bool = typer.Option(
         False, "--wait", help="Wait until every tool is below --below, 30 min at most."
     ),
@@ -53,7 +54,8 @@ def safe(
     """Put every tool of a line in its safe state, now.
 
     Ends a run that holds the line, by force after 3 s. Then stops the feeders, sets each tool to
-    its safe state and reads it back; leaves a resting tool as it is. Safe is not cold: prints each
+    its safe state and reads it back; leaves a resting tool as it is. Notes that in runs that left
+    these tools hot: those below --out, and those in this user's list. Safe is not cold: prints each
     tool's temperature and when it goes to sleep. Exit code 5: a tool is not confirmed safe; 1: with
     --wait, a tool is not known to be below the limit after 30 min.
 
@@ -78,7 +80,7 @@ def safe(
 
     access = options.port_access(ctx)
     make_line_safe(loaded, done, access)
-    for folder in close_leases(stations):
+    for folder in close_leases(stations, out):
         note(f"run {folder} left tools hot; noted in its record")
     for made in stations:
         if made.note:

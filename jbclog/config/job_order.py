@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date, datetime, time, timedelta
+from datetime import date, datetime, time, timedelta, tzinfo
 from enum import StrEnum
-from typing import Final, Protocol
+from graphlib import CycleError, TopologicalSorter
+from typing import Final
 
 # Times of day are local. ``22:00`` is the next 22:00; a time that has just passed counts as now,
 # for a batch started a little late. Jobs in sequence form a timetable: a later job's time is never
@@ -18,28 +20,6 @@ JUST_PASSED_S: Final = 600.0
 DAYS: Final = 3  # a day may lack the time, or be past it
 AT_ALLOWED: Final = 'a time of day such as "22:00", or a date with it such as "2026-11-22 02:30"'
 _AT: Final = re.compile(r"(?:(\d{4}-\d{2}-\d{2})[ T])?(\d{2}:\d{2}(?::\d{2})?)", re.ASCII)
-
-
-class Zone(Protocol):
-    """Local time: the system's, or that of a named zone in tests."""
-
-    def utc(self, wall: datetime) -> float:
-        """Convert a local time to seconds since 1970 UTC; `fold` selects one of two."""
-
-    def wall(self, utc_s: float) -> datetime:
-        """Convert to local time, without a zone."""
-
-
-class SystemZone:
-    """The local time of this computer."""
-
-    @staticmethod
-    def utc(wall: datetime) -> float:
-        return wall.timestamp()
-
-    @staticmethod
-    def wall(utc_s: float) -> datetime:
-        return datetime.fromtimestamp(utc_s)  # noqa: DTZ006  # local time is intended
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +47,14 @@ def read_at(text: str) -> At | None:
         return None
 
 
-def due(at: At, after_s: float, zone: Zone) -> float | None:
-    """Return the first due time from `after_s`, in s since 1970 UTC; None if its date is over."""
+def due(at: At, after_s: float, zone: tzinfo | None = None) -> float | None:
+    """Return the first due time from `after_s`, in s since 1970 UTC; None if its date is over.
+    `zone` None: the local time of this computer.
+    """
     if at.date is not None:
         days = [at.date]
     else:
-        first = zone.wall(after_s).date() - timedelta(days=1)
+        first = datetime.fromtimestamp(after_s, zone).date() - timedelta(days=1)
         days = [first + timedelta(days=number) for number in range(DAYS + 1)]
     moments = sorted(
         moment for day in days for moment in _moments(datetime.combine(day, at.time), zone)
@@ -80,25 +62,18 @@ def due(at: At, after_s: float, zone: Zone) -> float | None:
     return next((moment for moment in moments if moment >= after_s), None)
 
 
-def _moments(wall: datetime, zone: Zone) -> list[float]:
+def _moments(wall: datetime, zone: tzinfo | None) -> list[float]:
     """Return the moments of a local time: one, two, or the moment of the skip."""
-    both = sorted({zone.utc(wall.replace(fold=0)), zone.utc(wall.replace(fold=1))})
-    shown = [moment for moment in both if zone.wall(moment).replace(fold=0) == wall]
-    return shown or [_skip(wall, both[0], both[-1], zone)]
 
+    def wall_at(utc_s: float) -> datetime:
+        return datetime.fromtimestamp(utc_s, zone).replace(tzinfo=None, fold=0)
 
-def _skip(wall: datetime, before: float, behind: float, zone: Zone) -> float:
-    """Return the first whole second from `before` to `behind` whose local time is not before
-    `wall`.
-    """
-    low, high = int(before) - 1, int(behind) + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if zone.wall(middle).replace(fold=0) >= wall:
-            high = middle
-        else:
-            low = middle
-    return float(high)
+    both = {wall.replace(tzinfo=zone, fold=fold).timestamp() for fold in (0, 1)}
+    shown = sorted(moment for moment in both if wall_at(moment) == wall)
+    if shown:
+        return shown
+    around = range(int(min(both)), int(max(both)) + 1)
+    return [float(around[bisect_left(around, wall, key=wall_at)])]
 
 
 class OnFailure(StrEnum):
@@ -142,24 +117,17 @@ def circle(after: Mapping[str, Sequence[str]]) -> list[str]:
     """Return a cycle of jobs that wait for each other, with the first repeated at the end; empty if
     there is none.
     """
-    left = dict(after)
-    while True:
-        free = [name for name, others in left.items() if not any(one in left for one in others)]
-        if not free:
-            break
-        for name in free:
-            del left[name]
-    return _around(left) if left else []
+    try:
+        TopologicalSorter(after).prepare()
+    except CycleError as error:
+        way: list[str] = error.args[1]
+        return way[::-1]
+    return []
 
 
-def _around(left: Mapping[str, Sequence[str]]) -> list[str]:
-    way = [next(iter(left))]
-    while way[-1] not in way[:-1]:
-        way.append(next(one for one in left[way[-1]] if one in left))
-    return way[way.index(way[-1]) :]
-
-
-def due_times(turns: Sequence[Turn], begin_s: float, zone: Zone) -> dict[str, float | None]:
+def due_times(
+    turns: Sequence[Turn], begin_s: float, zone: tzinfo | None = None
+) -> dict[str, float | None]:
     """Return the due time of each job that waits for a time, in seconds since 1970 UTC; None if its
     date is over.
 

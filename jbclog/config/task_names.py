@@ -6,4 +6,5 @@ from typing import Final
 
 RESET: Final = "counters-reset"
 REPLACED: Final = "station-replaced"
-STATED: Final = (RESET, REPLACED)
+ROLLED_OVER: Final = "counters-rolled-over"
+STATED: Final = (RESET, REPLACED, ROLLED_OVER)

@@ -93,16 +93,12 @@ Parse = Callable[[bytes], L | None]
 class LineChain(Generic[L]):
     """The readable lines with their hashes, problems as (line number, text), and the hash of the
     last line (`head`).
-
-    `read_to`: the line number at which reading stopped because of too many problems; None if all
-    lines were read.
     """
 
     entries: list[L] = field(default_factory=list)
     hashes: list[str] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = ""
-    read_to: int | None = None
 
 
 def sha256(data: bytes) -> str:
@@ -142,9 +138,8 @@ def chain_of(
     *,
     what: str,
     of_first: str,
-    most_wrong: int | None = None,
 ) -> LineChain[L]:
-    """Parse the lines as `chain_in` does; stop after `most_wrong` problems."""
+    """Parse the lines as `chain_in` does."""
     found: LineChain[L] = LineChain()
     previous, seq, number = first, 0, 0
     # an invalid line, until the next one shows whether a crash cut it off
@@ -154,8 +149,6 @@ def chain_of(
         entry = None if line.text is None else parse(line.text)
         if unread is not None and not _was_cut_off(unread, entry):
             found.wrong.append((number - 1, _unreadable(unread, what)))
-        if most_wrong is not None and len(found.wrong) >= most_wrong:
-            return replace(found, head=previous, read_to=number - 1)
         if entry is not None:
             if entry.prev_sha256 != previous:
                 found.wrong.append((number, _broken(number, of_first)))

@@ -17,6 +17,7 @@
     │   ├── AnswerCorrupt           wrong check byte
     │   ├── AnswerFormat            a frame that cannot answer this request
     │   ├── ImplausibleAnswer       well-formed, value not credible
+    │   ├── AnswerContradicted      two different answers to one request
     │   └── Refusal                 the station answered N
     │       ├── NotReceived         1, 2: frame not understood
     │       ├── OutOfRange          3
@@ -166,6 +167,12 @@ class ImplausibleAnswer(StationError):
     """A well-formed answer with an impossible value."""
 
     reason = "implausible"
+
+
+class AnswerContradicted(StationError):
+    """Two different answers to one request came together; one of them is another request's."""
+
+    reason = "contradicted"
 
 
 class Refusal(StationError):

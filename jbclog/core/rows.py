@@ -76,6 +76,8 @@ QUALITIES: Final = (
     "format",
     "nak",
     "implausible",
+    "contradicted",
+    "pulled",
     "no_tool",
     "skipped",
     "ok",

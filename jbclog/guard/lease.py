@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import time
 import zlib
 from collections.abc import Iterable, Iterator
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign, why_hangs, why_link_hangs
+from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
@@ -25,8 +26,10 @@ NEW: Final = "lease.json.new"  # until it is renamed
 LOCK: Final = "guard.lock"
 LOCK_RETRY_S: Final = 0.02
 REGISTRY: Final = "jbclog/open-leases"
+TRIAL: Final = ".trial-"
+NO_HOME: Final = "this user has no home folder"
 NOT_THERE: Final = (
-    "{target} is not there, and its disk may not be mounted (if you removed it, remove {link}, too)"
+    "{folder} is not there, and its disk may not be mounted (if you removed it, remove {link}, too)"
 )
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
@@ -170,16 +173,18 @@ def _locked(folder: Path, end: float) -> int:
         time.sleep(LOCK_RETRY_S)
 
 
-# The registry is a folder in the user's state folder, with a link to each run that holds a lease,
-# so that a later start finds runs anywhere (`--out`). It may be incomplete, for example without a
-# home folder; the lease in the run's folder is authoritative. A run whose disk is not mounted is
-# not forgotten: its tools may be hot.
+# The registry is a folder with a link to each run that holds a lease, so that a later start finds
+# runs anywhere (`--out`): in the user's state folder; where that cannot be written, in the runtime
+# folder, which a restart of the host empties. Where neither can, only the folder of runs itself is
+# left: the next run with the same `--out` finds the leases in the runs' folders. All are read. The
+# lease in the run's folder is authoritative. A run whose folder is not there is named and never
+# forgotten: its disk may not be mounted, and its tools may be hot. Only a person knows that it was
+# removed, and removes its link.
 
 
 class Leases(NamedTuple):
     """The folders of runs with open leases: `there`; and `away`, each with the reason, those that
-    may have one and cannot be looked at, as on a disk that is not mounted, or a network mount that
-    hangs.
+    may have one and cannot be looked at, as on a disk that is not mounted.
     """
 
     there: list[Path]
@@ -187,44 +192,46 @@ class Leases(NamedTuple):
 
 
 def registered_runs() -> Leases:
-    """Return the folders of runs with open leases; forget those whose disk is there without
-    them.
-    """
-    registry, found = _registry(), Leases([], [])
-    for link in [] if registry is None else _inside(registry):
+    """Return the folders of the runs in the registries."""
+    runs = Leases([], [])
+    for link in _links():
         with suppress(OSError):
-            target = link.readlink()
-            why = _why_away(target)
-            if why is None and target.is_dir():
-                found.there.append(target)
-            elif why is None and _is_removed(target, link):
-                link.unlink(missing_ok=True)
+            folder = link.readlink()
+            why = _why_away(folder, link)
+            if why is None:
+                runs.there.append(folder)
             else:
-                found.away.append((target, why or NOT_THERE.format(target=target, link=link)))
-    return found
+                runs.away.append((folder, why))
+    return runs
+
+
+def _why_away(folder: Path, link: Path) -> str | None:
+    """Return why the folder of a run cannot be looked at; None if it can."""
+    try:
+        is_folder = stat.S_ISDIR(folder.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        is_folder = False
+    except OSError as error:
+        return f"{folder} cannot be looked at ({error.strerror or error})"
+    return None if is_folder else NOT_THERE.format(folder=folder, link=link)
 
 
 def runs_below(out: Path) -> Leases:
     """Return the folders of runs directly below `out` with open leases. A link may be one to a
     run's folder elsewhere.
     """
-    found = Leases([], [])
-    for folder, is_link in _entries(out):
+    runs = Leases([], [])
+    for folder in _entries(out):
         with suppress(OSError):
-            why = why_link_hangs(Path(folder)) if is_link else None
-            if why is not None:
-                found.away.append((Path(folder), why))
-            elif os.path.exists(f"{folder}/{NAME}"):  # noqa: PTH110  # a path for each takes longer
-                found.there.append(Path(os.path.realpath(folder)))
-    return found
+            if os.path.exists(f"{folder}/{NAME}"):  # noqa: PTH110  # a path for each takes longer
+                runs.there.append(Path(os.path.realpath(folder)))
+    return runs
 
 
-def _entries(out: Path) -> list[tuple[str, bool]]:
-    """Return what is in `out`, sorted, and whether it is a link. A start waits for this: there may
-    be ten thousand runs.
-    """
-    with suppress(OSError), os.scandir(out) as entries:
-        return sorted((entry.path, entry.is_symlink()) for entry in entries)
+def _entries(out: Path) -> list[str]:
+    """Return what is in `out`, sorted. A start waits for this: there may be ten thousand runs."""
+    with suppress(OSError):
+        return sorted(f"{out}/{name}" for name in os.listdir(out))  # noqa: PTH208  # ten thousand
     return []
 
 
@@ -234,68 +241,84 @@ def _inside(folder: Path) -> list[Path]:
     return []
 
 
-def _why_away(folder: Path) -> str | None:
-    """Return why `folder` cannot be looked at; None where it can, and where nothing is there."""
-    why = why_hangs(folder)
-    if why is None:
-        try:
-            folder.stat()
-        except (FileNotFoundError, NotADirectoryError):
-            return None
-        except OSError as error:
-            return f"{folder} cannot be looked at ({error.strerror or error})"
-    return why
+class Listing(NamedTuple):
+    """Where this user's open leases are listed: the registry that can be written, None if none can;
+    why each earlier one cannot; and whether it lasts beyond a restart of the host.
+    """
+
+    registry: Path | None
+    why_not: tuple[str, ...]
+    is_lasting: bool
 
 
-def _registry() -> Path | None:
-    state = os.environ.get("XDG_STATE_HOME", "")
-    try:
-        return (
-            Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state"
-        ) / REGISTRY
-    except RuntimeError:
-        return None
+def listing(folder: Path) -> Listing:
+    """Return where a run in `folder` will be listed, by listing it and removing it again."""
+    name = f"{TRIAL}{os.getpid()}"
+    found = _list(folder, name)
+    if found.registry is not None:
+        with suppress(OSError):
+            (found.registry / name).unlink(missing_ok=True)
+    return found
 
 
 def _register(folder: Path) -> None:
-    registry = _registry()
-    if registry is None:
-        return
+    # the checksum separates runs of one name in two folders
+    checksum = zlib.crc32(os.fsencode(os.path.realpath(folder)))
     with suppress(OSError):
-        registry.mkdir(parents=True, exist_ok=True, mode=0o700)
-        link = registry / f"{_link_name(folder)}.{_file_system(folder)}"
-        link.symlink_to(os.path.realpath(folder))
+        _list(folder, f"{folder.name}-{checksum:08x}")
+
+
+def _list(folder: Path, name: str) -> Listing:
+    """Put a link to a run into the first registry that can be written."""
+    target, why_not = os.path.realpath(folder), list[str]()
+    for base, is_lasting in ((_state(), True), (_runtime(), False)):
+        if base is None:
+            why_not.append(NO_HOME)
+            continue
+        registry = base / REGISTRY
+        try:
+            if not is_lasting:  # the system makes it
+                base.stat()
+            registry.mkdir(parents=True, exist_ok=True, mode=0o700)
+            if not (registry / name).is_symlink():
+                (registry / name).symlink_to(target)
+        except OSError as error:
+            why_not.append(f"{registry}: {error.strerror or error}")
+        else:
+            return Listing(registry, tuple(why_not), is_lasting)
+    return Listing(None, tuple(why_not), is_lasting=False)
+
+
+def _state() -> Path | None:
+    """Return the user's state folder, which may not exist; None without a home folder."""
+    given = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if given.is_absolute():
+        return given
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111  # raises nothing
+    return home / ".local" / "state" if home.is_absolute() else None
+
+
+def _runtime() -> Path:
+    """Return the user's runtime folder, which may not exist."""
+    given = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    return given if given.is_absolute() else Path(f"/run/user/{os.geteuid()}")
+
+
+def _links() -> list[Path]:
+    """Return the links of all registries; without those of a `listing` in progress."""
+    return [
+        link
+        for base in (_state(), _runtime())
+        if base is not None
+        for link in _inside(base / REGISTRY)
+        if not link.name.startswith(TRIAL)
+    ]
 
 
 def _unregister(folder: Path) -> None:
-    registry, name = _registry(), _link_name(folder)
-    for link in [] if registry is None else _inside(registry):
-        if name in (link.stem, link.name):  # the latter of earlier versions
-            with suppress(OSError):
+    """Remove every link to the run, whatever its name."""
+    path = Path(os.path.realpath(folder))
+    for link in _links():
+        with suppress(OSError):
+            if link.readlink() == path:
                 link.unlink(missing_ok=True)
-
-
-def _link_name(folder: Path) -> str:
-    """Return the name of a run's link without its file system; the checksum separates runs of one
-    name in two folders.
-    """
-    path = os.path.realpath(folder)
-    return f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"
-
-
-def _is_removed(target: Path, link: Path) -> bool:
-    """Whether the file system that held the run's folder is still there, without the folder. Its
-    number is the end of the link's name; elsewhere, as at the point where a disk is not mounted,
-    there is another file system.
-    """
-    with suppress(OSError):
-        above = next(folder for folder in target.parents if folder.is_dir())
-        return link.suffix == f".{_file_system(above)}"
-    return False
-
-
-def _file_system(folder: Path) -> str:
-    """Return the number of the file system, which a restart does not change on most; that of its
-    device where it has none, as on a share. Raises OSError.
-    """
-    return f"{os.statvfs(folder).f_fsid or folder.stat().st_dev:x}"

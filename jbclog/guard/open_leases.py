@@ -154,6 +154,25 @@ def _log_result(
     return text
 
 
+LIST_STEP: Final = "set XDG_STATE_HOME to a folder that this user can write"
+
+
+def about_list(folder: Path) -> tuple[bool, str]:
+    """Return whether the open leases of a run in `folder` can be listed, and what follows; empty if
+    the state folder can be written.
+    """
+    found = lease.listing(folder)
+    why = "; ".join(found.why_not)
+    if found.registry is None:
+        return False, (
+            f"cannot be listed ({why}): if recorder and guard are both killed, only a run with the"
+            " same --out makes the tools safe"
+        )
+    if found.is_lasting:
+        return True, ""
+    return True, f"are listed in {found.registry}, which a restart of the host empties ({why})"
+
+
 class Seen(NamedTuple):
     """Read back from a station made safe by hand; None: a port without a tool."""
 
@@ -167,13 +186,14 @@ def close(
     look: Callable[[StationLease], Seen | None],
     is_recording: IsRecording,
     who: str,
+    out: Path | None = None,
 ) -> list[Path]:
-    """Close the leases on these ports as far as `look` confirms them safe; return the folders of
-    their runs.
+    """Close the leases on these ports, of this user's runs and those below `out`, as far as `look`
+    confirms them safe; return the folders of their runs.
     """
     return [
         folder
-        for folder in unclosed(None, urls)
+        for folder in unclosed(out, urls)
         if not _goes_on(folder, is_recording) and _close(folder, look, who)
     ]
 

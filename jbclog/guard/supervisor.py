@@ -31,7 +31,6 @@ TAKEN_OVER_S: Final = 12.0
 UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that does not answer
 # the most that Linux allows every user: holds the leases of any line while the guard starts
 PIPE_SIZE: Final = 1 << 20
-REPLACED_AT_MOST: Final = 20  # whatever kills 20 guards kills more
 UNGUARDED: Final = "if this recorder dies, the tools stay hot"
 
 Report = Callable[[str, str], None]
@@ -114,7 +113,6 @@ class GuardSupervisor:
         self._folder = folder
         self._report = report
         self._leases: dict[str, StationLease] = {}
-        self._replaced = 0
         self._is_handed_over = False  # the guard owns the lease file from then on
         self._guard: GuardProcess | None = begun or GuardProcess(folder)
         self._guard.await_ready()
@@ -160,22 +158,13 @@ class GuardSupervisor:
 
     def _replace(self, lost: GuardLost) -> None:
         former, self._guard = self._guard, None
-        if self._replaced >= REPLACED_AT_MOST:
-            self._report(
-                "guard.lost", f"The guard was lost and is not replaced ({lost}); {UNGUARDED}."
-            )
-        else:
-            self._start_next(lost, former)
-        if former is not None:
-            former.kill()
-
-    def _start_next(self, lost: GuardLost, former: GuardProcess | None) -> None:
-        self._replaced += 1
         self._report("guard.lost", f"The guard was lost ({lost}) and is being replaced.")
         try:
             self._guard = GuardProcess(self._folder, self._leases.values(), former)
         except (GuardLost, StartRefused) as error:
             self._report("guard.lost", f"The guard could not be replaced ({error}); {UNGUARDED}.")
+        if former is not None:
+            former.kill()
 
 
 class GuardProcess:

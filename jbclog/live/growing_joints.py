@@ -129,7 +129,7 @@ class GrowingJoints:
         facts = {one.name: one for one in self._stations}
         for key, some in by_port(rows.select(COLUMNS)):
             if key in self._ports:
-                clock = Clock(facts[key[0]].period_s, (), 0)
+                clock = Clock(facts[key[0]].period_s, (), round((self._t0_utc or 0.0) * 1e6))
                 self._ports[key].take(raw_series(facts[key[0]], some, clock))
 
     def _step(self, events: pa.Table) -> None:

@@ -390,7 +390,7 @@ def used_since(trace: Trace, time: str | None) -> Interval:
     used = trace.between(begin, last)
     if not begin:
         return used
-    delta = trace.differences[begin - 1].delta.high
+    delta = trace.difference(begin - 1).delta.high
     if trace.is_time:
         delta = min(delta, (seconds(trace.points[begin].time) - moment) / 3600)
     return Interval(used.low, used.high + delta)

@@ -113,6 +113,7 @@ class StationAudit:
     drifts: tuple[Drift, ...] = ()
     weeks: tuple[Week, ...] = ()  # the last 53, oldest first
     notes: tuple[str, ...] = ()  # a sentence for each irregular difference
+    question: str = ""  # what a person must record, if counters fell since the previous audit
 
     @property
     def state(self) -> State:
@@ -122,7 +123,9 @@ class StationAudit:
 
     @property
     def doubts(self) -> tuple[Difference, ...]:
-        """Doubtful differences since the previous audit."""
+        """Doubtful differences since the previous audit; none beside a `question`."""
+        if self.question:
+            return ()
         return tuple(
             meter.last for meter in self.meters if meter.last is not None and meter.last.is_doubtful
         )
@@ -240,7 +243,8 @@ class Finding(StrEnum):
     OVERDUE = "overdue"
     DUE = "due"
     SOON = "soon"
-    SUSPECT = "suspect"  # a doubtful difference, or a counter on which no two reads agreed
+    # a doubtful difference, a question, or a counter on which no two reads agreed
+    SUSPECT = "suspect"
     DRIFT = "drift"
     UNSEEN = "unseen"  # a station that did not answer, or not with all of its counters
 
@@ -256,7 +260,7 @@ def findings(station: StationAudit) -> set[Finding]:
 
 def _found(station: StationAudit) -> Iterator[Finding]:
     yield from (_TASKS[task.state] for task in station.tasks if task.state in _TASKS)
-    if station.doubts:
+    if station.doubts or station.question:
         yield Finding.SUSPECT
     if station.drifts:
         yield Finding.DRIFT

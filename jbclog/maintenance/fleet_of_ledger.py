@@ -7,12 +7,14 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from shlex import quote
 from typing import Final
 
 from jbclog.config.task_names import STATED
 from jbclog.config.tasks_file import Task
 from jbclog.core.errors import UsageError
 from jbclog.maintenance.counter_totals.history import History, histories
+from jbclog.maintenance.counter_totals.judging import BESIDE, BREAKS
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Observation
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import (
@@ -179,6 +181,7 @@ def _from_fleet(
 # -- fleet of ledger -------------------------------------------------------------------------------
 
 NOTED = DOUBTFUL | {DifferenceKind.RESET, DifferenceKind.REPLACED}
+MOST_NAMED: Final = 3  # counters of a question
 
 
 def fleet_of(
@@ -234,6 +237,7 @@ def _row(
     who = now.identity or (last.identity if last else None)
     past = Past(traces.now, history.looks, now.time, watts, history.elapsed.is_right)
     work = [trace for (_, name), trace in sorted(traces.now.items()) if name == WORK]
+    changes = list(_changes(now, traces))
     return StationAudit(
         line=now.line,
         station=now.station,
@@ -250,7 +254,8 @@ def _row(
         errors=now.errors if now.seen else None,
         drifts=tuple(drifted),
         weeks=weeks_of(work, now.time, history.elapsed.is_right),
-        notes=tuple(_notes(now, traces)),
+        notes=tuple(_notes(changes)),
+        question=_question(changes, now.station),
     )
 
 
@@ -291,7 +296,7 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
         unit=trace.unit,
         read=read,
         counter_total=trace.counter_total,
-        last=trace.differences[-1] if trace.differences else None,
+        last=trace.difference(-1) if trace.kept else None,
         per_day=per_day(trace, times),
     )
 
@@ -299,12 +304,44 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
 # -- notes -----------------------------------------------------------------------------------------
 
 
-def _notes(now: Observation, traces: Traces) -> Iterator[str]:
-    """Yield a sentence for every doubtful or unknown difference, reset or replacement."""
+def _changes(now: Observation, traces: Traces) -> Iterator[Difference]:
+    """Yield the differences that end with this look."""
     for _, trace in sorted(traces.now.items()):
-        for one in (*trace.aside, *trace.differences[-1:]):
-            if one.end == now.time and (one.kind in NOTED or not one.is_known):
-                yield _note(one)
+        last = [trace.difference(-1)] if trace.kept else []
+        yield from (change for change in (*trace.aside, *last) if change.end == now.time)
+
+
+def _question(changes: Iterable[Difference], station: str) -> str:
+    """Return what a person must record of counters that do not continue; empty if all do."""
+    broken = [change for change in changes if change.rule in BREAKS]
+    if not broken:
+        return ""
+    each = [
+        f"port {change.port} {change.counter} {change.before:g}, now {change.after:g}"
+        for change in broken[:MOST_NAMED]
+    ]
+    more = len(broken) - len(each)
+    if more:
+        each.append(f"and {more} more")
+    begin, end = max(change.begin for change in broken), broken[0].end
+    command = f"jbclog maintenance done --station {quote(station)} --at {end} --task"
+    return (
+        f"{'; '.join(each)}: reset, exchanged, or rolled over between {_minute(begin)} and"
+        f" {_minute(end)}. Record which: `{command}` {', '.join(STATED[:-1])} or {STATED[-1]}"
+    )
+
+
+def _minute(time: str) -> str:
+    return time[:16].replace("T", " ")
+
+
+def _notes(changes: Iterable[Difference]) -> Iterator[str]:
+    """Yield a sentence for every other doubtful or unknown difference, reset or replacement."""
+    for change in changes:
+        if change.rule in BREAKS or change.rule == BESIDE:
+            continue
+        if change.kind in NOTED or not change.is_known:
+            yield _note(change)
 
 
 def _note(one: Difference) -> str:

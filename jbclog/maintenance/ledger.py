@@ -240,7 +240,6 @@ def _share(one: Observation | Errors, other: Observation | Errors, names: Iterab
 # not the file's name, so that a ledger can be moved and renamed
 FIRST: Final = sha256(b"jbclog counters")
 LOCK: Final = ".lock"
-MOST_WRONG: Final = 10_000  # faults after which the rest of the file is not read
 
 
 class AuditInProgress(UsageError):
@@ -249,18 +248,14 @@ class AuditInProgress(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last line
-    that was read.
-
-    `read_to`: the line after which reading stopped, because `MOST_WRONG` were wrong; None if all
-    were read.
+    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last
+    line.
     """
 
     path: Path
     entries: list[Entry] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = FIRST
-    read_to: int | None = None
 
     @property
     def observations(self) -> list[Observation]:
@@ -281,31 +276,20 @@ class Book:
         return not self.entries and not self.is_sound
 
     def expect_ledger(self) -> None:
-        """Raise `RecordError` for another kind of file, such as a line file, or one not read to its
-        end: nothing is added to it.
+        """Raise `RecordError` for another kind of file, such as a line file: nothing is added to
+        it.
         """
         if self.is_foreign:
             raise RecordError(
                 f"{self.path} is not a ledger: none of its lines is valid. Nothing was added; name"
                 " another file"
             )
-        if self.read_to is not None:
-            raise RecordError(
-                f"{self._stopped}. Nothing was added; restore the file from a copy, or name another"
-                " file"
-            )
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is wrong, a sentence each; at most 102."""
-        lines = (f"{self.path}: line {number} {text}" for number, text in first_faults(self.wrong))
-        return (*lines, *([] if self.read_to is None else [self._stopped]))
-
-    @property
-    def _stopped(self) -> str:
-        return (
-            f"{self.path}: was not read beyond line {self.read_to}, because {len(self.wrong)}"
-            " faults were found up to there"
+        """What is wrong, a sentence each; at most 101."""
+        return tuple(
+            f"{self.path}: line {number} {text}" for number, text in first_faults(self.wrong)
         )
 
 
@@ -319,13 +303,12 @@ def read_book(path: Path) -> Book:
                 _Reader(),
                 what="line of a ledger",
                 of_first="a ledger's beginning",
-                most_wrong=MOST_WRONG,
             )
     except FileNotFoundError:
         return Book(path)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error)}") from error
-    return Book(path, found.entries, found.wrong, found.head, found.read_to)
+    return Book(path, found.entries, found.wrong, found.head)
 
 
 def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:

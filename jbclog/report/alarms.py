@@ -74,6 +74,8 @@ def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
         "end",
         "end_reason",
         "seconds",
+        "seconds_least",
+        "seconds_most",
         "finding",
     )
     acknowledged = ("acknowledged_by", "acknowledged_at", "acknowledged_why")

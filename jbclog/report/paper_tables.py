@@ -182,6 +182,14 @@ UNITS = Table(
 # -- alarms ----------------------------------------------------------------------------------------
 
 
+def _lasted(one: RowView) -> str:
+    if one["seconds"] is None:
+        return "–"
+    if one["seconds_least"] is None:
+        return f"{number(one['seconds'], 1)} s"
+    return f"{number(one['seconds_least'], 1)} to {number(one['seconds_most'], 1)} s"
+
+
 def _alarm_row(one: RowView) -> Part:
     beyond = "above" if one["side"] == "high" else "below"
     limit = "" if one["limit_c"] is None else f", {beyond} {measured(one['limit_c'], '°C')}"
@@ -190,7 +198,7 @@ def _alarm_row(one: RowView) -> Part:
         place(one),
         f"{one['side']}{limit}",
         interval(one, "onset_earliest", "onset"),
-        "–" if one["seconds"] is None else f"{number(one['seconds'], 1)} s",
+        _lasted(one),
         measured(one["peak_c"], "°C"),
         str(one["witnesses"]),
         _acknowledged(one),

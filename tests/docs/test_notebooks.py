@@ -131,9 +131,9 @@ def test_the_audit_is_right_where_it_commits_itself(of_all: Kernel) -> None:
     node = of_all.executed(AUDIT)
     assert "damaged lines of the ledger: 0" in shown(node, "open")
     supposed = shown(node, "marks")
-    # two resets of seven counters at two ports
-    assert re.search(r"dde-1 +reset +reset_or_other_unit +28\n", supposed)
-    assert re.search(r"dde-2 +replaced +counters_of_another +14\n", supposed)
+    # two resets of seven counters at two ports, and six roll-overs
+    assert re.search(r"dde-1 +fell +fell +34\n", supposed)
+    assert re.search(r"dde-2 +fell +fell +13\n", supposed)
     assert not re.search(r"ucr-1 ", supposed)
     due = shown(node, "due")
     assert re.search(r"ucr-1 +1 +Change the handpiece .* due ", due)

@@ -90,7 +90,7 @@ def test_each_row_of_the_catalogue_stands_once() -> None:
     names = [name for name, _ in ROWS]
     assert sorted(names) == sorted(
         [
-            *(f"F-{n}" for n in range(1, 50)),
+            *(f"F-{n}" for n in range(1, 52)),
             *(f"I{n}" for n in range(1, 10)),
             *(f"S-{n}" for n in range(1, 6)),
         ]
@@ -147,7 +147,7 @@ SETTINGS = set(COMMAND_OF)
 NO_KINDS = {"guard.lock"}
 ENDS_OF_FILES = {"html", "json", "jsonl", "parquet", "pdf", "toml", "txt", "typ"}
 PATTERNS = {
-    "read": ("timeout", "bcc", "format", "implausible"),
+    "read": ("timeout", "bcc", "format", "implausible", "pulled"),
     "alarm": ("high", "low"),
     "station": ("completed", "stopped", "refused", "gone", "not_started", "left_out", "failed"),
     "alarm.episode": tuple(one.value for one in Transition),

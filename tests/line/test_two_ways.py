@@ -16,6 +16,7 @@ from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.session.run.scan import PortScan, Scanner, SignalRead
 from jbclog.transport.virtual import Peer
+from support.links.repeating import Repeating
 from support.oracles.account import assert_account_holds
 from support.virtual.lines import fault, hot_air
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
@@ -122,6 +123,18 @@ def flooded() -> VirtualRun:
     return run
 
 
+def repeating(gap_s: float, *, torn: bool = False) -> VirtualRun:
+    """Return a run on a link that repeats old answers before the true ones."""
+    return prepare(
+        line_text("seed = 3\nnoise_c = 3.0"),
+        duration_s=20.0,
+        pulled=lambda _order, session, cable: (
+            session,
+            Repeating(cable, 0.2, 3, gap_s, torn=torn),
+        ),
+    )
+
+
 def recorded(run: VirtualRun) -> list[object]:
     """Return everything that the run recorded, and every question to its station."""
     memory = run.go().memory
@@ -155,6 +168,10 @@ def test_both_ways_record_the_same(family: str, link: str, monkeypatch: pytest.M
 RUNS: dict[str, Callable[[], VirtualRun]] = {
     "flooded": flooded,
     "stopped": stopped,
+    "repeating": partial(repeating, 0.01),
+    "repeating at once": partial(repeating, 0.0),
+    "repeating late": partial(repeating, 0.2),
+    "repeating torn": partial(repeating, 0.01, torn=True),
     **{f"ended at {s}": partial(ended, s) for s in (3.0, 3.003, 3.013, 3.031, 3.05, 3.0901)},
 }
 

@@ -176,6 +176,7 @@ def _lose(episode: Episode, event: EventRow) -> None:
     if not episode.is_lost:
         episode.is_lost = episode.is_uncertain = True
         episode.cleared_us = earliest_us(event)
+    episode.unread_us += event.time - earliest_us(event)
 
 
 def _raise(

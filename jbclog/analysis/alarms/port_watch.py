@@ -72,8 +72,8 @@ class Arrival:
         self._above: tuple[float, float] | None = None
 
     def reset(self) -> None:
-        """Start again after a tool change."""
-        self.has_arrived, self._above = False, None
+        """Start again after a tool change: the last temperature was another tool's."""
+        self.has_arrived, self._above, self.previous_c = False, None, None
 
     def see(self, seconds: float, value: float, setpoint: float | None, *, works: bool) -> None:
         """Add a reading in °C at `seconds`."""
@@ -255,13 +255,16 @@ class PortWatch:
     ) -> list[Report]:
         elapsed_s = since_s if 0 < since_s <= self._gap_s else 0.0
         before_us = self._us if self._has_read else time_us
+        unread_us = time_us - before_us if since_s > self._gap_s else 0
         reports = []
         for machine in self._machines:
             if counts and machine.definition is not None:
                 condition, reason = machine.definition.condition(value), RETURNED
             else:
                 condition, reason = Condition.NOT_COUNTED, self._end_reason(counts=counts)
-            report = machine.step(condition, elapsed_s, before_us, time_us, value, reason)
+            report = machine.step(
+                condition, elapsed_s, before_us, time_us, value, reason, unread_us
+            )
             if report is not None:
                 reports.append(report)
         return reports

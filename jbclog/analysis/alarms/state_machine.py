@@ -149,6 +149,7 @@ class Episode:
     - `is_uncertain`: nothing was read for so long that it may have ended and begun again
     - `is_confirmed`: for A, a temperature supports the flag
     - `stepped_us`: clock steps between onset and end
+    - `unread_us`: unread time between onset and end; `unread_before_us`: right before the onset
     """
 
     station: str
@@ -169,6 +170,8 @@ class Episode:
     is_uncertain: bool = False
     is_confirmed: bool = True
     stepped_us: int = 0
+    unread_us: int = 0
+    unread_before_us: int = 0
 
     @property
     def id(self) -> str:
@@ -191,6 +194,26 @@ class Episode:
         return (
             None if self.end_us is None else (self.end_us - self.onset_us - self.stepped_us) / 1e6
         )
+
+    @property
+    def seconds_least(self) -> float | None:
+        """`seconds` without the unread time; None before its end, and if all of it was read."""
+        seconds = self.seconds
+        if seconds is None or not self._has_unread:
+            return None
+        return max(seconds - self.unread_us / 1e6, 0.0)
+
+    @property
+    def seconds_most(self) -> float | None:
+        """`seconds` with the unread time right before the onset; None as `seconds_least`."""
+        seconds = self.seconds
+        if seconds is None or not self._has_unread:
+            return None
+        return seconds + self.unread_before_us / 1e6
+
+    @property
+    def _has_unread(self) -> bool:
+        return self.unread_us > 0 or self.unread_before_us > 0
 
     def see(self, value: float) -> None:
         """Update `peak_c` with a reading."""
@@ -254,6 +277,7 @@ class Machine:
     __slots__ = (
         "_end",
         "_observed_s",
+        "_unread_us",
         "definition",
         "detector",
         "episode",
@@ -269,7 +293,8 @@ class Machine:
         self.phase = _NORMAL
         self.episode: Episode | None = None  # pending, active or clearing
         self._observed_s = 0.0
-        self._end = (0, 0, RETURNED)
+        self._end = (0, 0, RETURNED, 0)
+        self._unread_us = 0  # since the onset
 
     @property
     def is_raised(self) -> bool:
@@ -284,20 +309,24 @@ class Machine:
         now_us: int,
         value: float,
         reason: str = RETURNED,
+        unread_us: int = 0,
     ) -> Report | None:
         """Process the reading at `now_us` and return the change it makes, or None.
 
-        The previous reading was at `before_us`; `elapsed_s` of the time between them was observed.
-        `reason` is the end reason for a reading that does not count.
+        The previous reading was at `before_us`; `elapsed_s` of the time between them was observed,
+        or `unread_us` of it was not read. `reason` is the end reason for a reading that does not
+        count.
         """
         if condition is _GAP:
             return None
         before, after = self.phase, NEXT[self.phase][condition]
         self._observed_s = self._observed_s + elapsed_s if after is before else 0.0
+        self._unread_us += unread_us
         if before is _NORMAL and after is _PENDING:
-            self._begin(before_us, now_us)
+            self._begin(before_us, now_us, unread_us)
         if before is _ACTIVE and after is not _ACTIVE:
-            self._end = before_us, now_us, reason if condition is _OFF else RETURNED
+            why = reason if condition is _OFF else RETURNED
+            self._end = before_us, now_us, why, self._unread_us
         self.phase = self._after_delay(after)
         if self.episode is None:
             return None
@@ -310,15 +339,17 @@ class Machine:
         """Follow a step of the wall clock: later readings have times of the new clock."""
         if self.episode is not None:
             self.episode.stepped_us += size_us
-        earliest, latest, reason = self._end
-        self._end = earliest + size_us, latest + size_us, reason
+        earliest, latest, reason, unread_us = self._end
+        self._end = earliest + size_us, latest + size_us, reason, unread_us
 
-    def _begin(self, before_us: int, now_us: int) -> None:
+    def _begin(self, before_us: int, now_us: int, unread_us: int) -> None:
         assert self.definition is not None
         limit, delay = self.definition.limit_c, self.definition.on_delay_s
         self.episode = Episode(
             self.station, self.port, self.side, self.detector, before_us, now_us, limit, delay
         )
+        self.episode.unread_before_us = unread_us
+        self._unread_us = 0
 
     def _after_delay(self, phase: Phase) -> Phase:
         """Return the phase, or the next one if its delay is over."""
@@ -345,6 +376,6 @@ class Machine:
         self.episode = None
         if before is _PENDING:
             return None
-        earliest, latest, reason = self._end
+        earliest, latest, reason, episode.unread_us = self._end
         episode.end(earliest, latest, now_us, reason)
         return Transition.CLEARED, episode

@@ -138,7 +138,7 @@ def _whole(
     found, counters = {}, {facts.name: _counters(read, facts.name) for facts in stations}
     for (name, port), (plain, utc_us) in reader.whole().items():
         counted = counters[name].filter(pc.equal(counters[name]["port"], port))
-        series = replace(plain, cycles=_cycles(counted, utc_us, plain.seconds))
+        series = replace(plain, cycles=_cycles(counted, utc_us, plain.moments))
         last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
         joints = find_joints(series, options[name])
         found[name, port] = PortFound(joints, len(series.seconds), series.period_s, last_s, series)
@@ -190,11 +190,11 @@ def _recovery(joint: Joint) -> Recovery | None:
     return None if joint.had_s is None else Recovery(round(joint.had_s, 6), joint.recovered)
 
 
-def _cycles(counters: pa.Table, rows_us: Counts, seconds: Floats) -> Cycles:
+def _cycles(counters: pa.Table, rows_us: Counts, moments: Floats) -> Cycles:
     read = counters.filter(
         pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"]))
     )
-    return cycles_of(micros(read), floats(read["value"]), rows_us, seconds)
+    return cycles_of(micros(read), floats(read["value"]), rows_us, moments)
 
 
 def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> Feeds:
@@ -217,7 +217,7 @@ def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> F
     )
     sides = [start <= draw.start_s < end for draw in {*near_start, *near_end}]
     found = sum(start <= draw.start_s < end for draw in draws)
-    not_yet_seen = int(not near_end and end >= series.seconds[-1] - slack_s)
+    not_yet_seen = int(not near_end and end >= series.moments[-1] - slack_s)
     beyond = len(sides) - sum(sides) + not_yet_seen
     return Feeds(found, sum(sides), beyond, round(counted.value), _unread_s(series, start, end))
 

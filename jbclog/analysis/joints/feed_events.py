@@ -101,7 +101,7 @@ def feed_events(series: Series) -> FeedEvents | None:
         pushes = _merge_nearest(pushes, too_many)
         excess = _excess(pushes, series.cycles, known, grown)
     excess -= np.clip(excess, 0.0, _as_pushes(series, pushes, series.cycles.seconds, sees_all))
-    at, begin, end = series.cycles.seconds, float(series.seconds[0]), float(series.seconds[-1])
+    at, begin, end = series.cycles.seconds, float(series.moments[0]), float(series.moments[-1])
     counted_only = [
         CountedFeeds(
             max(float(at[place]) - READ_BEFORE_S, begin),
@@ -120,13 +120,13 @@ def pushes_in(series: Series) -> list[Feed]:
     if series.feeding is None:
         return []
     read = ~np.isnan(series.feeding)
-    seconds, half = series.seconds[read], series.period_s / 2
+    seconds, half = series.moments[read], series.period_s / 2
     feeds: list[Feed] = []
     for first, last in zip(
         *(rows.tolist() for rows in runs(series.feeding[read] > 0)), strict=True
     ):
         start = float(seconds[first])
-        end = max(float(seconds[last - 1]), min(start + half, float(series.seconds[-1])))
+        end = max(float(seconds[last - 1]), min(start + half, float(series.moments[-1])))
         if feeds and start - feeds[-1].end_s < ONE_FEED_S:
             feeds[-1] = Feed(feeds[-1].start_s, end, pushes=feeds[-1].pushes + 1)
         else:
@@ -145,7 +145,7 @@ def _as_pushes(series: Series, feeds: Sequence[Feed], at: Floats, sees_all: bool
         begun[max(start, 0) : end] += 1
         again[max(start, 0) : end] += one.pushes - 1
     assert series.feeding is not None
-    lost = np.searchsorted(series.seconds[np.isnan(series.feeding)], at)
+    lost = np.searchsorted(series.moments[np.isnan(series.feeding)], at)
     is_complete = sees_all & (np.diff(lost) == 0) & (begun > 0)
     return np.where(is_complete, np.inf, again)
 

@@ -38,9 +38,8 @@ SomeGroups = Callable[[list[str], Callable[[int], bool]], Iterable[pa.Table]]
 """The same; may leave out row groups, by number, that are not wanted."""
 MOST_ROWS: Final = 1_000_000  # rows in memory at once, some 100 MB
 MOST_PORTS: Final = 48  # read together in windows, some 3 MB each
-TIMES: Final = ["time", "tick", "station", "port"]
-# columns that a sweep reads only if they matter: on a grid the tick is the time
-TIME, MOTOR = "time", "motor"
+TIMES: Final = ["time", "tick", "station", "port", "late_us", "scan_us"]
+MOTOR: Final = "motor"  # a sweep reads it only for a tool with a feeder
 SAME_S: Final = 1e-6
 # decimals of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
 STEP_DECIMALS: Final = 12
@@ -103,10 +102,8 @@ class PortReader:
         self._spans: list[tuple[float, float] | None] = []
         self._last_s: dict[PortKey, float] = {}
         self._periods = self._read_periods()
-        every = self._facts.values()
-        spared = {TIME} if all(facts.period_s for facts in every) else set[str]()
-        spared |= set() if any(map(has_feeder, every)) else {MOTOR}
-        self._swept = [name for name in COLUMNS if name not in spared]
+        feeds = any(map(has_feeder, self._facts.values()))
+        self._swept = [name for name in COLUMNS if feeds or name != MOTOR]
 
     def clock(self, key: PortKey) -> Clock:
         """Return the clock that gives the seconds of a port's rows, from the first row on."""
@@ -197,12 +194,15 @@ class PortReader:
         return {**periods, **{key: some.median if some.n else 0.0 for key, some in steps.items()}}
 
     def _times(self) -> Iterator[tuple[PortKey, Floats, Counts]]:
-        """Yield the seconds of the rows of each port, and their UTC in microseconds."""
+        """Yield when the rows of each port were read, in s, and their UTC in microseconds."""
         clocks = {key: self.clock(key) for key in self._facts}
         for group in self._groups(TIMES):
             for key, rows in self._split(group):
-                times = micros(rows)
-                yield key, clocks[key].seconds(floats(rows["tick"]), times), times
+                clock, times = clocks[key], micros(rows)
+                seconds = clock.seconds(floats(rows["tick"]), times)
+                late_us, scan_us = floats(rows["late_us"]), floats(rows["scan_us"])
+                read_s = clock.read_s(seconds, times, late_us, scan_us)
+                yield key, seconds if read_s is None else read_s, times
 
     def _pieces(self) -> Iterator[tuple[PortKey, Series]]:
         """Yield the rows of all ports; keep them for the next sweep if there are at most
@@ -246,7 +246,8 @@ class PortReader:
         must be read.
         """
         windows, *others = taking.values()
-        is_alone = len(self._facts) == 1 and not others and TIME not in self._swept
+        on_grid = all(facts.period_s for facts in self._facts.values())
+        is_alone = len(self._facts) == 1 and not others and on_grid
         if self._some is None or self._kept is not None or not is_alone:
             return None
         return self._needed(self._some, windows) if isinstance(windows, SeenWindows) else None
@@ -277,6 +278,8 @@ class _Columns(NamedTuple):
 
     utc_us: Counts
     ticks: Floats
+    late_us: Floats
+    scan_us: Floats
     temperature: Floats
     power: Floats
     setting: Floats
@@ -288,12 +291,14 @@ class _Columns(NamedTuple):
 
     @classmethod
     def of(cls, rows: pa.Table, *, has_feeder: bool) -> _Columns:
-        names = ("tick", "temperature_c", "power_permille", "set_c", "tool", "port_error")
-        ticks, temperature, power, setting, tool, port_error = (floats(rows[one]) for one in names)
+        names = ("temperature_c", "power_permille", "set_c", "tool", "port_error")
+        temperature, power, setting, tool, port_error = (floats(rows[one]) for one in names)
         status = rows["status"]
         return cls(
-            micros(rows) if TIME in rows.column_names else np.empty(0, dtype=np.int64),
-            ticks,
+            micros(rows),
+            floats(rows["tick"]),
+            floats(rows["late_us"]),
+            floats(rows["scan_us"]),
             temperature,
             power,
             setting,
@@ -335,6 +340,7 @@ def _series(facts: StationFacts, rows: _Columns, clock: Clock, period_s: float) 
         rows.feeding if has_feeder(facts) else None,
         facts.rated_power_w,
         on_grid=bool(facts.period_s),
+        read_s=clock.read_s(seconds, rows.utc_us, rows.late_us, rows.scan_us),
     )
 
 

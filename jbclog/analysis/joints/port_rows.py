@@ -22,6 +22,8 @@ COLUMNS: Final = [
         "tick",
         "station",
         "port",
+        "late_us",
+        "scan_us",
         "temperature_c",
         "power_permille",
         "status",
@@ -49,6 +51,23 @@ class Clock:
         if self.period_s:
             return ticks * self.period_s
         return self._unstepped.of(utc_us / 1e6) - self.t0_us / 1e6
+
+    def read_s(
+        self, seconds: Floats, utc_us: Counts, late_us: Floats, scan_us: Floats
+    ) -> Floats | None:
+        """Return when these rows were read, in seconds of the grid, never falling; None without a
+        grid. `seconds` are the times at which they were due.
+
+        The wall clock may have been corrected, but each answer came between the first question of
+        its row and the last answer to it, and these are by the monotonic clock. A row without a
+        question keeps the time at which it was due.
+        """
+        if not self.period_s:
+            return None
+        earliest = np.nan_to_num(late_us) / 1e6
+        latest = earliest + np.nan_to_num(scan_us) / 1e6
+        later = np.clip((utc_us - self.t0_us) / 1e6 - seconds, earliest, latest)
+        return np.asarray(np.maximum.accumulate(seconds + later), dtype=np.float64)
 
     def of(self, utc_us: Counts) -> Floats:
         """Return the seconds of records that have only a UTC time (counters, settings), to 1 s

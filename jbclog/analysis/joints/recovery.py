@@ -150,7 +150,7 @@ def _timing(
     starts = np.array([draw.start_s for draw in draws]) + late
     ends = np.array([draw.end_s for draw in draws]) + late
     setpoints = setting_in_force(series.seconds, series.rows.setting)
-    rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
+    rows = np.clip(np.searchsorted(series.moments, starts + 1e-6) - 1, 0, None)
     following = np.unique([one.start_s + one.late_s for one in every if one.heat is not None])
     stops, cuts = _stops(series, starts, ends, following, np.array([draw.start_s for draw in fed]))
     # the reading at the start, or the one before it
@@ -189,7 +189,7 @@ def _stops(
     )
     moments = np.stack(
         [
-            np.full(len(starts), series.seconds[-1]),
+            np.full(len(starts), series.moments[-1]),
             ends + MOST_RECOVERY_S,
             _setpoint_changes(series, starts),
             _next_after(_ends_of_work(series), starts),
@@ -216,7 +216,7 @@ def _setpoint_changes(series: Series, starts: Floats) -> Floats:
     change.
     """
     read = ~np.isnan(series.rows.setting)
-    at, values = series.seconds[read], series.rows.setting[read]
+    at, values = series.moments[read], series.rows.setting[read]
     places = np.flatnonzero(np.diff(values) != 0)
     before, behind = np.append(at[places], np.inf), at[places + 1]
     return np.asarray(
@@ -227,7 +227,7 @@ def _setpoint_changes(series: Series, starts: Floats) -> Floats:
 def _ends_of_work(series: Series) -> Floats:
     """Return the times at which the tool stopped working."""
     working = series.rows.working | ~series.known
-    return np.asarray(series.seconds[1:][working[:-1] & ~working[1:]], dtype=np.float64)
+    return np.asarray(series.moments[1:][working[:-1] & ~working[1:]], dtype=np.float64)
 
 
 def _measured_joints(

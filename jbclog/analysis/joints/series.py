@@ -1,9 +1,11 @@
 """One port of a run as arrays, and its stretches without a gap.
 
-Seconds are on the run's grid (tick × period). With ``--rate max`` there is no grid: seconds are UTC
-corrected for clock steps, the period is the median interval of rows, and a gap is longer than four
-periods and than half a second, because the interval then depends on the station's speed. A value
-that was not read is NaN.
+Each row has two times in s. It was *due* on the run's grid (tick × period): gaps and coverage count
+these. It was *read* when its answer came: heat balance and edges use these, because a hot tip
+moves by a degree in 10 ms. With ``--rate max`` there is no grid: both are UTC corrected for clock
+steps, the period is the median interval of rows, and a gap is longer than four periods and than
+half a second, because the interval then depends on the station's speed. A value that was not read
+is NaN.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +44,15 @@ class Cycles:
 class Series:
     """The rows of one port in order of time.
 
-    - `rows`: seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot
-      air: is on)
+    - `rows`: seconds when due, °C, ‰, the setpoint in °C where it was read, and whether the tool
+      works (hot air: is on)
     - `known`: whether the state was read
     - `feeding`: 1 where the feeder's motor pushed wire, 0 where not, NaN where not read; None for a
       tool without a feeder
     - `cycles`: the feeder's counts, if read
     - `rated_w`: power at 1000 ‰, if the line file declares it
     - `ordered_s`: when the run ordered the tool to work
+    - `read_s`: seconds when each row was read, never falling; None: when it was due
     """
 
     rows: Block
@@ -59,10 +63,16 @@ class Series:
     ordered_s: float | None = None
     on_grid: bool = True
     cycles: Cycles | None = None
+    read_s: Floats | None = None
 
     @property
     def seconds(self) -> Floats:
         return self.rows.seconds
+
+    @property
+    def moments(self) -> Floats:
+        """When each row was read, in s."""
+        return self.seconds if self.read_s is None else self.read_s
 
     @property
     def gap_s(self) -> float:
@@ -232,6 +242,7 @@ class Stretch:
 
 
 SHORTEST_S = 3.0
+MOST_BEYOND: Final = 0.5  # periods by which the last row of a stretch may be later than its reading
 BRIDGED_S = 0.5
 """Shorter times without readings are interpolated: a gap would cut a draw across it in two."""
 
@@ -252,8 +263,9 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     places = np.flatnonzero(is_read)
     if not len(places):
         return []
-    moved, took_s = np.diff(rows.temperature[places]), np.diff(rows.seconds[places])
-    apart = took_s > max(series.gap_s, BRIDGED_S) + 1e-6
+    moments = series.moments
+    moved, took_s = np.diff(rows.temperature[places]), np.diff(moments[places])
+    apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
     leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (
         -moved > np.maximum(FALL_C, FALL_K_PER_S * took_s)
     )
@@ -261,14 +273,12 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
     begins = [
-        _grid_start(float(rows.seconds[places[0]]), begun),
-        *(float(rows.seconds[piece[0]]) for piece in pieces[1:]),
+        _grid_start(float(moments[places[0]]), begun, _begin(series, pieces[0])),
+        *(_begin(series, piece) for piece in pieces[1:]),
     ]
     every = zip(pieces, begins, strict=True)
     found = [
-        _on_even_grid(rows, setting, piece, series.period_s, begin)
-        for piece, begin in every
-        if len(piece) > 1
+        _on_even_grid(series, setting, piece, begin) for piece, begin in every if len(piece) > 1
     ]
     return [stretch for stretch in found if len(stretch) * series.period_s >= SHORTEST_S]
 
@@ -298,14 +308,14 @@ class Unseen:
         """Add the rows `own` of a window, in order of time; the window may have other rows before
         and after them.
         """
-        at, period = series.seconds[own], series.period_s
+        at, moments, period = series.seconds[own], series.moments[own], series.period_s
         if not len(at) or not period:
             return
         self._period_s = period
         analysed = np.zeros(len(at), dtype=np.bool_)
         for part in parts:
             first, last = np.searchsorted(
-                at, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2]
+                moments, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2]
             )
             analysed[first:last] = True
         lost = (series.rows.working[own] | ~series.known[own]) & ~analysed
@@ -339,28 +349,50 @@ class Unseen:
         self._seconds, self._pieces = self._seconds + float(long.sum()), self._pieces + len(long)
 
 
-def _grid_start(first_s: float, begun: Sequence[Stretch]) -> float:
-    """Return a moment of the grid of the stretch that has a reading at `first_s`."""
+def _begin(series: Series, places: NDArray[np.int64]) -> float:
+    """Return a moment of the grid of these rows: when the second was read, because the first one
+    of a run is later than the rest.
+    """
+    second = min(1, len(places) - 1) if series.read_s is not None else 0
+    return float(series.moments[places[second]])
+
+
+def _grid_start(first_s: float, begun: Sequence[Stretch], begin_s: float) -> float:
+    """Return a moment of the grid of the stretch that has a reading at `first_s`; `begin_s` if it
+    was not begun in the window before.
+    """
     place = bisect_right(begun, first_s + 1e-6, key=lambda stretch: float(stretch.seconds[0])) - 1
     continues = place >= 0 and first_s <= begun[place].seconds[-1] + begun[place].period_s
-    return float(begun[place].seconds[0]) if continues else first_s
+    return float(begun[place].seconds[0]) if continues else begin_s
 
 
 def _on_even_grid(
-    rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float
+    series: Series, setting: Floats, places: NDArray[np.int64], begin_s: float
 ) -> Stretch:
-    """Interpolate these rows on an even grid through `begin_s`; the setpoint is the last one
-    before.
+    """Interpolate these rows, from when they were read, on an even grid through `begin_s`; the
+    setpoint is the last one before.
+
+    A last reading that came a little before its moment on the grid has a row, too: its values
+    continue their slope, but nothing ends later than it was read.
     """
-    seconds = rows.seconds[places]
+    rows, period_s = series.rows, series.period_s
+    seconds = series.moments[places]
+    beyond = 1e-6 if series.read_s is None else MOST_BEYOND
     first = ceil((seconds[0] - begin_s) / period_s - 1e-6)
-    last = floor((seconds[-1] - begin_s) / period_s + 1e-6)
+    last = floor((seconds[-1] - begin_s) / period_s + beyond)
     grid = moments_of_grid((begin_s, first), last + 1 - first, period_s)
     origin = begin_s, first
     last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)
     temperature, power = (
         np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power)
     )
+    beyond_s = grid[-1] - seconds[-1]
+    if series.read_s is not None and beyond_s > 0:
+        before, final = places[-2:]
+        took_s = seconds[-1] - seconds[-2]
+        for values, column in ((temperature, rows.temperature), (power, rows.power)):
+            values[-1] += (column[final] - column[before]) / took_s * beyond_s
+        grid[-1] = seconds[-1]
     return Stretch(period_s, grid, temperature, power, setting[places][last], origin)
 
 

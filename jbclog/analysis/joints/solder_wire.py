@@ -132,7 +132,7 @@ def counter_span(series: Series, counter_s: Floats) -> tuple[float, float]:
     first, last = float(counter_s[0]), float(counter_s[-1])
     if not len(series.seconds):
         return first, last
-    row, final = float(series.seconds[0]), float(series.seconds[-1])
+    row, final = float(series.moments[0]), float(series.moments[-1])
     return (row if row - BESIDE_S <= first < row else first), (
         final if final < last <= final + BESIDE_S else last
     )

@@ -188,7 +188,7 @@ class PortSweeps:
             if rows.stop <= rows.start:
                 continue
             if part.start_s >= view.begin_s or not self._stretches:
-                row = int(np.searchsorted(series.seconds, part.start_s - 1e-6))
+                row = int(np.searchsorted(series.moments, part.start_s - 1e-6))
                 self._begin(
                     KnownStretch(part.start_s, series.period_s, 0),
                     series,

@@ -19,8 +19,8 @@ EPSILON_S = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Seconds and values of the readings; `gaps` is the number of gaps before each, `area` the
-    integral up to it (trapezoids).
+    """Seconds and values of the readings, when they were read; `gaps` is the number of gaps before
+    each, `area` the integral up to it (trapezoids).
     """
 
     seconds: Floats
@@ -70,8 +70,8 @@ class Track:
 def track_of(series: Series, values: Floats) -> Track:
     """Return the readings of one column of a port."""
     is_read = ~np.isnan(values)
-    seconds, read = series.seconds[is_read], values[is_read]
-    steps = np.diff(seconds)
+    seconds, read = series.moments[is_read], values[is_read]
+    steps = np.diff(series.seconds[is_read])
     gaps = np.concatenate(([0], np.cumsum(steps > series.gap_s + EPSILON_S)))
-    area = np.concatenate(([0.0], np.cumsum((read[1:] + read[:-1]) / 2 * steps)))
+    area = np.concatenate(([0.0], np.cumsum((read[1:] + read[:-1]) / 2 * np.diff(seconds))))
     return Track(seconds, read, gaps[: len(seconds)], area[: len(seconds)], series.gap_s)

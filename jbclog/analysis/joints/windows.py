@@ -286,11 +286,13 @@ def joined(pieces: Sequence[Series]) -> Series:
     rows = [piece.rows for piece in pieces]
     columns = [_joined_column([getattr(one, name) for one in rows]) for name in (*COLUMNS, *CODES)]
     known = np.concatenate([piece.known for piece in pieces])
+    read_s = _joined_column([piece.read_s for piece in pieces])
     return replace(
         pieces[0],
         rows=Block(*columns),
         known=known,
         feeding=_joined_column([piece.feeding for piece in pieces]),
+        read_s=None if read_s is None else np.maximum.accumulate(read_s),
     )
 
 
@@ -300,7 +302,14 @@ def _joined_column(columns: Sequence[Any]) -> Any:
 
 def rows_of(series: Series, rows: Flags | slice) -> Series:
     feeding = None if series.feeding is None else series.feeding[rows]
-    return replace(series, rows=series.rows.take(rows), known=series.known[rows], feeding=feeding)
+    read_s = None if series.read_s is None else series.read_s[rows]
+    return replace(
+        series,
+        rows=series.rows.take(rows),
+        known=series.known[rows],
+        feeding=feeding,
+        read_s=read_s,
+    )
 
 
 def _rows_from(series: Series, begin_s: float) -> Series:
@@ -314,8 +323,13 @@ def _rows_from(series: Series, begin_s: float) -> Series:
 def _copied(series: Series) -> Series:
     """Copy the rows, so that the memory of those before them is freed."""
     columns = [_copied_column(getattr(series.rows, name)) for name in (*COLUMNS, *CODES)]
-    feeding = None if series.feeding is None else series.feeding.copy()
-    return replace(series, rows=Block(*columns), known=series.known.copy(), feeding=feeding)
+    return replace(
+        series,
+        rows=Block(*columns),
+        known=series.known.copy(),
+        feeding=_copied_column(series.feeding),
+        read_s=_copied_column(series.read_s),
+    )
 
 
 def _copied_column(column: Any) -> Any:

@@ -27,7 +27,7 @@ class Definition:
     of: tuple[str, ...] = ("tip", "air")
 
 
-METHODS: Final = 2
+METHODS: Final = 3
 """Version of the metrics. Raise it when a metric is added or removed, and when a record gives
 another figure or reason; caches of older versions are then ignored.
 """
@@ -130,7 +130,12 @@ DEFINITIONS: Final = (
         f"Temperature at a joint's start minus its lowest until the tip is back. {_EACH}",
         TIP,
     ),
-    Definition("joint_dwell_s", "s", f"Time in which heat flows into the work. {_EACH}", TIP),
+    Definition(
+        "joint_dwell_s",
+        "s",
+        f"Time in which heat flows into the work. {_EACH} Not known where their number is not.",
+        TIP,
+    ),
     Definition(
         "joint_heat_permille_s",
         "‰·s",

@@ -37,8 +37,6 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
     joints = found.joints
     period, heat = port.period_s, RESOLUTION_PERMILLE * port.period_s
     joules = None if port.rated_w is None else heat * port.rated_w / 1000
-    heats = floats_of(joints, "heat")
-    dwells = np.where(np.isnan(heats), np.nan, floats_of(joints, "dwell_s"))
     return [
         *_counts(port, found),
         _median_figure(
@@ -46,8 +44,8 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
         ),
         _resting_below(found),
         _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, floats_of(joints, "depth_c")),
-        _median_figure("joint_dwell_s", "s", period, found, dwells),
-        _median_figure("joint_heat_permille_s", "‰·s", heat, found, heats),
+        _dwell(period, found),
+        _median_figure("joint_heat_permille_s", "‰·s", heat, found, floats_of(joints, "heat")),
         _median_figure("joint_heat_j", "J", joules, found, floats_of(joints, "heat_j")),
         _median_figure("joint_energy_permille_s", "‰·s", heat, found, floats_of(joints, "energy")),
         _recovery("recovery_s", HALF, period, found),
@@ -121,6 +119,15 @@ def _median_figure(
     return Figure(
         name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution
     )
+
+
+def _dwell(period: float, found: FoundJoints) -> Figure:
+    """Return the figure; where the number of joints is not known, their ends are not either."""
+    if found.why is not None and found.joints:
+        return no_figure("joint_dwell_s", "s", found.why, len(found.joints))
+    seconds = floats_of(found.joints, "dwell_s")
+    dwells = np.where(np.isnan(floats_of(found.joints, "heat")), np.nan, seconds)
+    return _median_figure("joint_dwell_s", "s", period, found, dwells)
 
 
 def _resting_below(found: FoundJoints) -> Figure:

@@ -1,4 +1,4 @@
-"""Control charts, capability and gauge studies. Takes features, never raw samples.
+"""Control charts and capability. Takes features, never raw samples.
 
 Start with `study.py`, then `refusal.py` (when a result is refused), `charts.py` and
 `capability.py`.
@@ -6,7 +6,7 @@ Start with `study.py`, then `refusal.py` (when a result is refused), `charts.py`
 Sources: NIST/SEMATECH e-Handbook of Statistical Methods, chapter 6; D. C. Montgomery, Introduction
 to Statistical Quality Control; L. S. Nelson, The Shewhart Control Chart: Tests for Special Causes,
 J. Quality Technology 16 (1984); A. F. Bissell, How Reliable is Your Capability Index?, Applied
-Statistics 39 (1990); AIAG, Measurement Systems Analysis, 4th edition; ISO 22514-2.
+Statistics 39 (1990); ISO 22514-2.
 """
 
 from jbclog.analysis.spc.capability import Capability, Index
@@ -27,7 +27,6 @@ from jbclog.analysis.spc.charts import (
 )
 from jbclog.analysis.spc.distribution import Fit, fitting
 from jbclog.analysis.spc.equivalence import Equivalence, Mean, equivalence, equivalence_of
-from jbclog.analysis.spc.gauge import GaugeStudy, gauge_study
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS, FalseAlarms, Signal
 from jbclog.analysis.spc.refusal import Refused
 from jbclog.analysis.spc.study import (
@@ -50,7 +49,6 @@ __all__ = [
     "Equivalence",
     "FalseAlarms",
     "Fit",
-    "GaugeStudy",
     "Index",
     "Mean",
     "ProbabilityPlot",
@@ -64,7 +62,6 @@ __all__ = [
     "ewma",
     "fitting",
     "fixed",
-    "gauge_study",
     "individuals",
     "means",
     "means_by_sd",

@@ -5,6 +5,7 @@ verifications.
 from __future__ import annotations
 
 import os
+import sqlite3
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,12 +14,13 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from jbclog.app.audit.open_copies import UNREADABLE, was_open
+from pyarrow import ArrowException
+
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.config.tasks_file import Task
 from jbclog.core.clock import utc_ms
 from jbclog.core.durable_files import damage_in
-from jbclog.core.errors import RecordError
+from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
 from jbclog.maintenance.counter_totals.observed import (
@@ -42,8 +44,6 @@ from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations
 from jbclog.record.find_runs import (
     CRASHED,
-    MOST_COPIES,
-    Copy,
     Filter,
     Found,
     Unreadable,
@@ -70,6 +70,8 @@ if TYPE_CHECKING:
 LAG: Final = timedelta(seconds=10)
 COUNTED: Final = ("error", "critical")  # severities of events
 SHOWN: Final = 3
+UNREADABLE: Final = (JbclogError, OSError, ValueError, sqlite3.Error, ArrowException)
+"""What reading a run raises that is not as it should be."""
 
 Place = tuple[str, str]
 """Line and station."""
@@ -80,7 +82,7 @@ Events = Mapping[str, int]
 @dataclass(slots=True)
 class PastRuns:
     """Errors of each station in the runs of a folder up to `until`. `trouble` lists records that
-    cannot be read, `notices` what is worth knowing.
+    cannot be read, and copies that differ from their run.
     """
 
     until: str = ""
@@ -89,7 +91,6 @@ class PastRuns:
     folders: set[Path] = field(default_factory=set)
     is_read: bool = True
     trouble: list[str] = field(default_factory=list)
-    notices: list[str] = field(default_factory=list)
 
     def with_errors(self, seen: Observation) -> Observation:
         """Return the observation with the errors in these runs, plus those of its own run if that
@@ -149,22 +150,11 @@ def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> list[Foun
             found.append(run)
     counted, copies = once(found)
     past.folders.update(Path(os.path.realpath(one.folder)) for one in copies)
-    _report_other_copies([one for one in copies if not one.is_same], past)
+    past.trouble += copies_texts([one for one in copies if not one.is_same])
     past.trouble += [f"{one.folder}: {one.why}" for one in unreadable[:SHOWN]]
     if len(unreadable) > SHOWN:
         past.trouble.append(f"{folder}: {len(unreadable) - SHOWN} other runs cannot be read")
     return counted
-
-
-def _report_other_copies(copies: list[Copy], past: PastRuns) -> None:
-    """A copy with another manifest is a trouble, unless it was made while the run was open."""
-    early = [one for one in copies[:MOST_COPIES] if was_open(one)]
-    past.notices += [
-        f"{one.folder} is a copy of {one.counted.name}, made while that run was open; it does not"
-        " count. Move it out of the folder of runs"
-        for one in early
-    ]
-    past.trouble += copies_texts([one for one in copies if one not in early])
 
 
 def _count(found: Found, past: PastRuns) -> None:

@@ -41,8 +41,7 @@ class Audited:
 
     `kept` are those added to the ledger, `unkept` those that could not be; `book` is the ledger
     with them. `verified` has the verifications beside the runs. `trouble` lists the problems with
-    all of these, `of_ledger` those with the ledger as a whole, `notices` what is worth knowing and
-    in order.
+    all of these, `of_ledger` those with the ledger as a whole.
     """
 
     time: str
@@ -53,7 +52,6 @@ class Audited:
     verified: list[Fact] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
     of_ledger: list[str] = field(default_factory=list)
-    notices: list[str] = field(default_factory=list)
 
     def ledger_fails(self, error: RecordError) -> None:
         """Take note that the ledger cannot be read or written."""
@@ -166,7 +164,6 @@ def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -
     }
     past = past_runs(runs, since, audited.time)
     audited.trouble += [*wrong, *past.trouble]
-    audited.notices += past.notices
     return past
 
 

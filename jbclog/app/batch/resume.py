@@ -15,7 +15,7 @@ from jbclog.app.batch.job_spec import BatchPlan
 from jbclog.app.batch.journal import JOBS_FILE, Journal, begin, home_of, iso, newest
 from jbclog.app.batch.processes import SystemProcesses
 from jbclog.app.batch.state import BatchState, Entry, EntryKind, JobState, State
-from jbclog.config.job_order import Turn, Zone, due_times, in_turn
+from jbclog.config.job_order import Turn, due_times, in_turn
 from jbclog.core.errors import Problem, Problems, UsageError
 from jbclog.core.text import count_text
 
@@ -57,7 +57,7 @@ class PreparedBatch:
 
 
 def prepare(
-    plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: bool, anew: bool
+    plan: BatchPlan, out: Path, timing: Timing, *, resume: bool, anew: bool
 ) -> PreparedBatch:
     """Return the batch of this jobs file below `out`; the caller holds its lock (`hold`).
 
@@ -76,7 +76,7 @@ def prepare(
         raise UsageError(
             f"{plan.file.path}: no batch to resume, {ended}; leave out --resume to start a new one"
         )
-    return _prepared(plan, _begin(plan, home, timing, zone), is_new=True)
+    return _prepared(plan, _begin(plan, home, timing), is_new=True)
 
 
 def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBatch:
@@ -89,10 +89,10 @@ def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBat
     return PreparedBatch(plan, journal, processes, tuple(in_turn(plan.turns)), is_new)
 
 
-def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
+def _begin(plan: BatchPlan, home: Path, timing: Timing) -> Journal:
     """Begin a batch: the journal gets each job's settings and start time, which stay fixed."""
     file, turns = plan.file, in_turn(plan.turns)
-    due = due_times(turns, timing.utc(), zone)
+    due = due_times(turns, timing.utc())
     problems = [
         file.problem(place, ("at",), f'"{job.at}" has passed; give a later time, or none')
         for place, job in enumerate(file.jobs)

@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from asammdf import MDF, Signal
 from numpy.typing import NDArray
 
@@ -40,35 +39,6 @@ MOST_CHOICES: Final = 16_384  # a conversion of MDF has at most 65 535
 
 Values = NDArray[Any]
 Bits = NDArray[np.bool_]
-
-
-class Channel(Protocol):
-    """Converts a column to the values of a channel, piece by piece."""
-
-    def values(self, column: pa.ChunkedArray) -> Values:
-        """Return a value for each row; any value for a null."""
-
-    def conversion(self) -> Mapping[str, object] | None:
-        """Return the conversion of all values so far."""
-
-
-class Numbers:
-    """Numbers, flags as 0 and 1, times as microseconds. A null is NaN, for readers that ignore
-    invalidation bits.
-    """
-
-    def __init__(self, field: pa.Field) -> None:
-        self._kind = pa.float64() if field.nullable else pa.int64()
-        self._kind = pa.float64() if pa.types.is_floating(field.type) else self._kind
-
-    def values(self, column: pa.ChunkedArray) -> Values:
-        plain = column.cast(pa.int64()) if not pa.types.is_floating(column.type) else column
-        numbers = plain.cast(self._kind)
-        filled: Values = (numbers.fill_null(np.nan) if numbers.null_count else numbers).to_numpy()
-        return np.ascontiguousarray(filled)
-
-    def conversion(self) -> None:
-        return None
 
 
 class Choices:
@@ -107,66 +77,65 @@ class Choices:
         }
 
 
-class Texts:
-    """Texts in UTF-8."""
-
-    def values(self, column: pa.ChunkedArray) -> Values:
-        return np.array(
-            [clean(text or "").encode() for text in column.to_pylist()] or [b""], dtype=bytes
-        )[: len(column)]
-
-    def conversion(self) -> None:
-        return None
-
-
-class Group(NamedTuple):
-    """A channel group being written: the fields of its channels, and its number once it has
-    rows.
+def _numbers(field: pa.Field, column: pa.ChunkedArray) -> Values:
+    """Return numbers, flags as 0 and 1, times as microseconds. A null is NaN, for readers that
+    ignore invalidation bits.
     """
+    is_float = pa.types.is_floating(field.type)
+    plain = column if is_float else column.cast(pa.int64())
+    numbers = plain.cast(pa.float64() if is_float or field.nullable else pa.int64())
+    filled: Values = (numbers.fill_null(np.nan) if numbers.null_count else numbers).to_numpy()
+    return np.ascontiguousarray(filled)
 
-    name: str
-    comment: str
-    fields: Sequence[pa.Field]
-    channels: Sequence[Channel]
-    number: list[int]
 
-    @classmethod
-    def of(cls, name: str, comment: str, fields: Sequence[pa.Field], *, recur: bool) -> Group:
-        """Return a group without rows. `recur`: its texts recur, else each is different."""
-        channels = [_channel(one, recur=recur) for one in fields]
-        return cls(clean(name), clean(comment), fields, channels, [])
+def _texts(column: pa.ChunkedArray) -> Values:
+    """Return texts in UTF-8."""
+    texts = [clean(text or "").encode() for text in column.to_pylist()]
+    return np.array(texts or [b""], dtype=bytes)[: len(column)]
+
+
+class Group:
+    """A channel group being written. `recur`: its texts recur, else each is different."""
+
+    def __init__(self, name: str, comment: str, fields: Sequence[pa.Field], *, recur: bool) -> None:
+        self._name = clean(name)
+        self._comment = clean(comment)
+        self._fields = fields
+        self._choices = {
+            field.name: Choices(field.name)
+            for field in fields
+            if recur and pa.types.is_string(field.type)
+        }
+        self._number: int | None = None  # once it has rows
 
     def add(self, file: MDF, seconds: Values, rows: pa.Table) -> None:
         """Append rows."""
-        pairs = [
-            (channel.values(rows[one.name]), _bits(rows, one))
-            for one, channel in zip(self.fields, self.channels, strict=True)
-        ]
-        if self.number:
-            file.extend(self.number[0], [(seconds, None), *pairs])
+        pairs = [(self._values(rows, field), _bits(rows, field)) for field in self._fields]
+        if self._number is not None:
+            file.extend(self._number, [(seconds, None), *pairs])
             return
         signals = [
-            _signal(one, seconds, *pair) for one, pair in zip(self.fields, pairs, strict=True)
+            _signal(field, seconds, *pair) for field, pair in zip(self._fields, pairs, strict=True)
         ]
-        number = file.append(
-            signals, acq_name=self.name, comment=self.comment, common_timebase=True
+        self._number = file.append(
+            signals, acq_name=self._name, comment=self._comment, common_timebase=True
         )
-        assert number is not None
-        self.number.append(number)
+
+    def _values(self, rows: pa.Table, field: pa.Field) -> Values:
+        column = rows[field.name]
+        if field.name in self._choices:
+            return self._choices[field.name].values(column)
+        return _texts(column) if pa.types.is_string(field.type) else _numbers(field, column)
 
     def finish(self, file: MDF) -> None:
         """Add the table of all texts to the channels of recurring texts."""
-        for place, channel in enumerate(self.channels, 1):  # 0 is the master
-            table = channel.conversion()
-            if table is not None and self.number:
-                one = Signal(np.zeros(1), np.zeros(1), name="x", conversion=dict(table))
-                file.groups[self.number[0]].channels[place].conversion = one.conversion
-
-
-def _channel(field: pa.Field, *, recur: bool) -> Channel:
-    if not pa.types.is_string(field.type):
-        return Numbers(field)
-    return Choices(field.name) if recur else Texts()
+        if self._number is None:
+            return
+        for place, field in enumerate(self._fields, 1):  # 0 is the master
+            if field.name in self._choices:
+                table = dict(self._choices[field.name].conversion())
+                signal = Signal(np.zeros(1), np.zeros(1), name="x", conversion=table)
+                file.groups[self._number].channels[place].conversion = signal.conversion
 
 
 def write(source: Source, path: Path) -> dict[str, int]:
@@ -191,12 +160,11 @@ def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
         return _write_samples(file, source, t0_us)
     if table == "joints":
         return _write_joints(file, source)
-    rows, group = 0, Group.of(table, f"{table} of {source.run.name}", SCHEMA_OF[table], recur=False)
+    group = Group(table, f"{table} of {source.run.name}", SCHEMA_OF[table], recur=False)
+    rows, master = 0, MASTER.get(table, "time")
     for piece in source.pieces(table):
-        ordered = piece.take(
-            pc.sort_indices(piece, sort_keys=[(MASTER.get(table, "time"), "ascending")])
-        )
-        micros = ordered[MASTER.get(table, "time")].cast(pa.int64()).to_numpy()
+        ordered = piece.sort_by(master)
+        micros = ordered[master].cast(pa.int64()).to_numpy()
         group.add(file, (micros - t0_us) / 1e6, ordered)
         rows += piece.num_rows
     return rows
@@ -205,66 +173,54 @@ def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
 def _write_joints(file: MDF, source: Source) -> int:
     """Write a group for each port; the joints of a port have one time axis."""
     for station, port, rows in _ports_in(source.joints):
-        group = Group.of(
-            f"{station} port {port} joints", "joints", SCHEMA_OF["joints"], recur=False
-        )
+        name = f"{station} port {port} joints"
+        group = Group(name, "joints", SCHEMA_OF["joints"], recur=False)
         group.add(file, rows["start_s"].to_numpy(), rows)
     return int(source.joints.num_rows)
 
 
-class _Samples:
-    """The groups of all ports, and their rows until there are enough to write."""
-
-    def __init__(self, source: Source, t0_us: int) -> None:
-        self._facts = {facts.name: facts for facts in source.run.stations}
-        needs_steps = any(not facts.period_s for facts in self._facts.values())
-        self._steps, self._t0_us = clock_steps(source.run) if needs_steps else [], t0_us
-        self._groups: dict[PortKey, tuple[Group, Clock]] = {}
-        self._held: dict[PortKey, list[pa.Table]] = {}
-
-    def hold(self, piece: pa.Table) -> None:
-        for station, port, rows in _ports_in(piece):
-            self._held.setdefault((station, port), []).append(rows)
-
-    def write(self, file: MDF) -> None:
-        """Write the rows held."""
-        for key, pieces in self._held.items():
-            if key not in self._groups:
-                self._groups[key] = self._new(key)
-            rows, (group, clock) = pa.concat_tables(pieces), self._groups[key]
-            ticks, micros = (
-                rows["tick"].to_numpy().astype(np.float64),
-                rows["time"].cast(pa.int64()).to_numpy(),
-            )
-            group.add(file, clock.seconds(ticks, micros), rows)
-        self._held.clear()
-
-    def finish(self, file: MDF) -> None:
-        for group, _ in self._groups.values():
-            group.finish(file)
-
-    def _new(self, key: PortKey) -> tuple[Group, Clock]:
-        facts = self._facts.get(key[0])
-        about = (
-            ""
-            if facts is None
-            else f"{facts.model or facts.family}, tool {facts.tools.get(key[1], 'not known')}"
-        )
-        clock = Clock(facts.period_s if facts is not None else None, self._steps, self._t0_us)
-        return Group.of(f"{key[0]} port {key[1]}", about, _fields_of(facts), recur=True), clock
-
-
 def _write_samples(file: MDF, source: Source, t0_us: int) -> int:
-    samples, rows, held = _Samples(source, t0_us), 0, 0
+    """Write a group for each port, many rows at a time."""
+    stations = {facts.name: facts for facts in source.run.stations}
+    needs_steps = any(not facts.period_s for facts in stations.values())
+    steps = clock_steps(source.run) if needs_steps else []
+    groups: dict[PortKey, tuple[Group, Clock]] = {}
+    held: dict[PortKey, list[pa.Table]] = {}
+
+    def write_held() -> None:
+        for key, pieces in held.items():
+            if key not in groups:
+                facts = stations.get(key[0])
+                clock = Clock(None if facts is None else facts.period_s, steps, t0_us)
+                groups[key] = _group_of(key, facts), clock
+            group, clock = groups[key]
+            rows = pa.concat_tables(pieces)
+            ticks = rows["tick"].to_numpy().astype(np.float64)
+            micros = rows["time"].cast(pa.int64()).to_numpy()
+            group.add(file, clock.seconds(ticks, micros), rows)
+        held.clear()
+
+    count = unwritten = 0
     for piece in source.pieces("samples"):
-        samples.hold(piece)
-        rows, held = rows + piece.num_rows, held + piece.num_rows
-        if held >= HELD_ROWS:
-            samples.write(file)
-            held = 0
-    samples.write(file)
-    samples.finish(file)
-    return rows
+        for station, port, rows in _ports_in(piece):
+            held.setdefault((station, port), []).append(rows)
+        count += piece.num_rows
+        unwritten += piece.num_rows
+        if unwritten >= HELD_ROWS:
+            write_held()
+            unwritten = 0
+    write_held()
+    for group, _ in groups.values():
+        group.finish(file)
+    return count
+
+
+def _group_of(key: PortKey, facts: StationFacts | None) -> Group:
+    station, port = key
+    about = ""
+    if facts is not None:
+        about = f"{facts.model or facts.family}, tool {facts.tools.get(port, 'not known')}"
+    return Group(f"{station} port {port}", about, _fields_of(facts), recur=True)
 
 
 def _fields_of(facts: StationFacts | None) -> list[pa.Field]:

@@ -35,7 +35,7 @@ from jbclog.core.outcome import CUT_SHORT, Exit
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
-from jbclog.guard.open_leases import settle
+from jbclog.guard.open_leases import LIST_STEP, about_list, settle
 from jbclog.guard.supervisor import RunGuard
 from jbclog.guard.watch import RENEW_S
 from jbclog.record.guard_actions import LOCK as GUARD_LOCK
@@ -160,8 +160,16 @@ class Recorder:
                 "There is no guard: if this recorder dies, the tools stay as they are.",
                 Severity.WARNING,
             )
-        elif os.getpid() == FIRST_PROCESS:
+            return
+        if os.getpid() == FIRST_PROCESS:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
+        is_listed, text = about_list(self._run_record.folder)
+        if text:
+            self._note(
+                "guard.list",
+                f"Open leases {text}; {LIST_STEP}.",
+                Severity.INFO if is_listed else Severity.WARNING,
+            )
 
     def _start_guard(self) -> None:
         """Wait for the guard before the record begins and anything heats. Raises `StartRefused`."""

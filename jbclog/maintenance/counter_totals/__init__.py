@@ -1,5 +1,4 @@
-"""The advance of a counter over years of audits, through resets, roll-overs and exchanged stations.
+"""The advance of a counter over years of audits.
 
-Start with `observed.py`, then `totals.py` (kinds and rules), `tracing.py`, `judging.py` and
-`span.py`.
+Start with `observed.py`, then `totals.py` (kinds), `judging.py` (rules) and `tracing.py`.
 """

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from jbclog.config.task_names import STATED
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Fact, Observation, Standing
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval, Reading, seconds
 
@@ -17,16 +18,12 @@ MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of
 
 @dataclass
 class History:
-    """One station of one line. `looks`: observations that it answered; `all`: all observations."""
+    """One station of one line. `looks`: observations that it answered."""
 
     line: str
     station: str
-    all: list[Observation] = field(default_factory=list)
+    looks: list[Observation] = field(default_factory=list)
     facts: list[Fact] = field(default_factory=list)
-
-    @cached_property
-    def looks(self) -> list[Observation]:
-        return [one for one in self.all if one.seen]
 
     @cached_property
     def times(self) -> list[float]:
@@ -47,11 +44,22 @@ class History:
                     found.setdefault((count.port, count.counter), []).append(Reading(look, shown))
         return found
 
-    def stated(self, task: str, begin: int, end: int) -> Iterator[Fact]:
-        """Yield the facts of a task of `STATED` whose time is between two looks."""
-        for fact in self.facts:
-            if fact.task == task and self.times[begin] < seconds(fact.time) <= self.times[end]:
-                yield fact
+    @cached_property
+    def answers(self) -> list[Fact]:
+        """What people recorded of the counters themselves."""
+        return [fact for fact in self.facts if fact.task in STATED]
+
+    def stated_h(self, task: str, begin: int, end: int, port: int | None = None) -> list[float]:
+        """Return the hours from one look to each answer `task` up to a later look; `port`: only
+        answers for that port, or for all.
+        """
+        times = [
+            seconds(fact.time)
+            for fact in self.answers
+            if fact.task == task and (port is None or fact.port in (None, port))
+        ]
+        first, last = self.times[begin], self.times[end]
+        return [(time - first) / 3600 for time in times if first < time <= last]
 
 
 def _shown(count: Count) -> Interval | None:
@@ -70,6 +78,6 @@ def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
         history = found.setdefault((entry.line, entry.station), History(entry.line, entry.station))
         if isinstance(entry, Fact):
             history.facts.append(entry)
-        else:
-            history.all.append(entry)
+        elif entry.seen:
+            history.looks.append(entry)
     return found

@@ -1,305 +1,280 @@
-"""Events of a station between two audits, and the resulting advance of each counter.
+"""What the readings of a station's counters at one look say of their advance since the readings
+before.
 
-A reset is assumed to set every counter of a port to zero. A counter that fell and cannot have
-rolled over proves one; a counter that shows more than could be counted since the last look rules it
-out. Without either, the advance is bounded by both cases.
-
-All counters of a station are judged together: if one unit cannot have shown all of them, it may
-have been exchanged, and only the elapsed time bounds each counter.
+1. A counter that did not fall, and is no faster than it can be, continued.
+2. A counter that fell, or is faster than it can be, breaks the record of its station: it was reset,
+   exchanged, or rolled over. Only a person knows which. Until the answer is recorded
+   (`jbclog maintenance`), the elapsed time alone bounds the advance of every counter of the
+   station, because another unit can show anything.
+3. An answer is believed where the readings allow it. A reset sets every counter of a port to zero.
+4. The length of solder wire passes its last number every 105 m. A fall of it alone is a roll-over,
+   if another counter of its port rules out a reset.
+5. A counter can pass its last number, or be reset, and show more than before. Where its rate and
+   the other counters do not rule that out, the bounds hold both cases.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
-from itertools import groupby
 from typing import Final
 
-from jbclog.maintenance.counter_totals.advance import Ratios, by_companion, counted_on
-from jbclog.maintenance.counter_totals.judgement import Judged, loose, since_zero
-from jbclog.maintenance.counter_totals.observed import DRIFT, Identity
-from jbclog.maintenance.counter_totals.span import Interval, Span
-from jbclog.maintenance.counter_totals.totals import DifferenceKind, Join
+import msgspec
 
-# -- units -----------------------------------------------------------------------------------------
-# Whether one unit can have shown all readings of a station, or was exchanged without a record.
-#
-# Another unit can show anything, so an exchange is considered only where the unit seen before does
-# not explain the readings. No reading reveals an exchange that looks like a continued count.
+from jbclog.config.task_names import RESET, ROLLED_OVER
+from jbclog.maintenance.counter_totals.history import History, Key
+from jbclog.maintenance.counter_totals.observed import DRIFT
+from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Span
+from jbclog.maintenance.counter_totals.totals import CONTINUED, DifferenceKind, Join
 
-SURELY_ITS_OWN_H: Final = 24.0  # two units do not agree in more hours by chance
-ENOUGH: Final = 2  # hour counters
+BESIDE: Final = "beside_what_cannot_be"
+RULES: Final = {
+    **CONTINUED,
+    "fell": (
+        "Reset, exchanged, or rolled over: only the elapsed time bounds its advance until the"
+        " answer is recorded."
+    ),
+    "faster_than_time": "It counted more hours than passed between the readings.",
+    "faster_than_plausible": "It counted faster than is plausible.",
+    BESIDE: (
+        "It fits, but other counters of the station do not: the reading may be another station's."
+    ),
+    "rolled_over": "Only this counter fell: it rolled over exactly once since the last reading.",
+    "rolled_over_unknown_times": "It rolled over, possibly more than once since the last reading.",
+    "can_have_rolled_over": (
+        "At its usual rate it may have rolled over since the last reading without a trace."
+    ),
+    "stands_at_top": (
+        "It shows its highest number; no manual says whether it stops there or continues from zero."
+    ),
+    "clock_ran_back": (
+        "The host's clock was set back: the time since the last reading is unknown until a later"
+        " audit."
+    ),
+    "stated_reset": (
+        "A reset was recorded; the count between the last reading and the reset is lost."
+    ),
+    "can_hide_reset": (
+        "A reset since the last reading would go unnoticed: the station could count all of this in"
+        " that time."
+    ),
+    "other_model": "The station reports another model.",
+    "other_uid": "The station has another identifier.",
+    "stated_replaced": "A replacement of the station was recorded.",
+}
+"""The text of each rule."""
+BREAKS: Final = frozenset({"fell", "faster_than_time", "faster_than_plausible"})
+UNSURE: Final = frozenset({"can_have_rolled_over", "rolled_over_unknown_times"})
+"""Rules that a counter's usual rate can narrow."""
 
 
-class Unit(Enum):
-    """Which unit was read."""
-
-    SAME = "same"
-    EITHER = "either"  # the same one after a reset, or another one that was hardly used
-    OTHER = "other"
-
-
-def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> Unit:
-    """Return which unit was read, by each port's spans; `stated`: ports with a recorded reset."""
-    odd = [port for port, group in by_port.items() if not all(map(is_ordinary, group))]
-    if any(not all(one.can_be_reset for one in by_port[port]) for port in odd):
-        return Unit.OTHER
-    if all(port in stated for port in odd) or any(
-        _is_its_own(group) for port, group in by_port.items() if port not in odd
-    ):
-        return Unit.SAME
-    return Unit.EITHER
-
-
-def is_ordinary(span: Span) -> bool:
-    """Whether a continued count, roll-overs included, explains a span."""
-    return span.can_continue or bool(span.roll_overs(span.most))
-
-
-def _is_its_own(group: Sequence[Span]) -> bool:
-    """Whether a port shows hours that another unit would not have by chance: then a reset of
-    another port is this station's.
+class Judged(msgspec.Struct, frozen=True, gc=False):
+    """A span and its meaning. `lost`: the advance between the last reading and the reset; for a
+    loose join the whole advance.
     """
-    hours = [one for one in group if one.trait.is_time and one.can_continue]
-    return (
-        sum(one.before.shown.low >= SURELY_ITS_OWN_H and not one.can_be_reset for one in hours)
-        >= ENOUGH
-    )
 
+    span: Span
+    kind: DifferenceKind
+    rule: str
+    join: Join = Join.ON
+    roll_overs: int = 0
+    lost: Interval = NOTHING
+    is_known: bool = True
 
-# -- replacement -----------------------------------------------------------------------------------
-# Whether another station answers under this name now: by its identity, its counters, or a recorded
-# replacement.
-
-
-def replaced(
-    before: Identity | None, now: Identity | None, spans: Sequence[Span], stated: bool
-) -> str | None:
-    """Return the rule by which the station was replaced; None for the same station."""
-    if stated:
-        return "stated_replaced"
-    if before is not None and now is not None:
-        if _differ(before.model, now.model):
-            return "other_model"
-        if _differ(before.uid, now.uid):
-            return "other_uid"
-        if _differ(before.software, now.software) and not _continue(spans):
-            return "other_software"
-    strange = [one for one in spans if one.trait.is_time and one.fell and one.is_impossible]
-    return "counters_of_another" if len(strange) > 1 else None
-
-
-def _differ(before: str | None, now: str | None) -> bool:
-    return before is not None and now is not None and before != now
-
-
-def _continue(spans: Sequence[Span]) -> bool:
-    """Whether every counter continues or rolled over, with hours among them that no other station
-    would have by chance.
-    """
-    hours = [one for one in spans if one.trait.is_time and one.before.shown.low >= SURELY_ITS_OWN_H]
-    return bool(hours) and all(one.can_continue or bool(one.roll_overs(one.usual)) for one in spans)
-
-
-# -- a look ----------------------------------------------------------------------------------------
-
-
-class Reset(Enum):
-    """Whether a port was reset between two looks."""
-
-    NO = "no"
-    MAYBE = "maybe"
-    YES = "yes"
+    @property
+    def delta(self) -> Interval:
+        """The advance between the readings."""
+        if self.join is Join.LOOSE:
+            return self.lost
+        if self.join is Join.FROM_ZERO:
+            return _since_zero(self.span) + self.lost
+        return _rolled_over(self.span, self.roll_overs)
 
 
 @dataclass(slots=True)
-class Resets:
-    """Known resets.
-
-    - `stated`: port (0: all) -> hours from the look before to a recorded reset
-    - `found`: port -> the last look that found a reset, and whether it is certain
-    - `other`: the last look before which the unit may have been exchanged
+class Doubts:
+    """What earlier looks leave open, for counters that they did not read: `broken`, the last look
+    that broke the record, and the last look before which a port may have been reset unseen.
     """
 
-    stated: Mapping[int, float] = field(default_factory=dict)
-    found: dict[int, tuple[int, Reset]] = field(default_factory=dict)
-    other: int = -1
+    broken: int = -1
+    hidden: dict[int, int] = field(default_factory=dict)
 
-    def stated_h(self, port: int) -> float | None:
-        return self.stated.get(port, self.stated.get(0))
-
-    def across(self, span: Span) -> Reset:
-        """Return the reset found by a look within the span that did not read this counter."""
-        look, reset = self.found.get(span.port, (-1, Reset.NO))
-        return reset if look > span.before.look else Reset.NO
+    def may_hide(self, span: Span) -> bool:
+        return span.before.look < self.hidden.get(span.port, -1)
 
 
-def judge(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
-    """Judge all counters of a station at one look; adds the resets found to `resets`."""
-    untimed = [
-        loose(one, "clock_ran_back", Interval(0.0, math.inf))
-        for one in spans
-        if math.isinf(one.elapsed_h)
-    ]
-    timed = [one for one in spans if not math.isinf(one.elapsed_h)]
-    across_exchange = [
-        _across_another(one, resets.across(one)) for one in timed if one.before.look < resets.other
-    ]
-    of_unit = [one for one in timed if one.before.look >= resets.other]
-    across_reset = [one for one in of_unit if resets.across(one) is not Reset.NO]
-    fresh = sorted(
-        (one for one in of_unit if resets.across(one) is Reset.NO), key=lambda one: one.port
-    )
-    by_port = {port: list(group) for port, group in groupby(fresh, key=lambda one: one.port)}
-    unit = _unit(by_port, across_reset, resets)
-    found = [_across(one, resets.across(one)) for one in across_reset] + _at_look(
-        by_port, look, resets, ratios
-    )
-    if unit is not Unit.SAME:
-        resets.other = look
-        found = [_or_other(one, unit) for one in found]
-    return untimed + across_exchange + found
-
-
-def judge_doubted(spans: Sequence[Span], look: int, resets: Resets) -> list[Judged]:
-    """Judge all counters at a look before which the unit may have been exchanged."""
-    resets.other = look
-    return [_beside_another(one) for one in spans]
-
-
-def _at_look(
-    by_port: Mapping[int, Sequence[Span]], look: int, resets: Resets, ratios: Ratios
-) -> list[Judged]:
-    verdicts = _verdicts(by_port, resets)
+def judge(spans: Sequence[Span], look: int, doubts: Doubts, history: History) -> list[Judged]:
+    """Judge all counters of a station at one look; notes in `doubts` what it leaves open."""
     judged: list[Judged] = []
-    for port, group in by_port.items():
-        if verdicts[port] is not Reset.NO:
-            resets.found[port] = look, verdicts[port]
-        judged += _of_port(group, verdicts[port], ratios, resets.stated_h(port))
+    timed: list[Span] = []
+    for span in spans:
+        if math.isinf(span.elapsed_h):
+            judged.append(_loose(span, "clock_ran_back", Interval(0.0, math.inf)))
+        elif span.before.look < doubts.broken:
+            judged.append(beside(span))
+        else:
+            timed.append(span)
+    resets = _believed_resets(timed, history)
+    rest = [span for span in timed if span.key not in resets]
+    if any(_is_break(span, rest, history) for span in rest):
+        doubts.broken = look
+        return [*judged, *map(_broken, timed)]
+    judged += [_was_reset(span, *resets[span.key]) for span in timed if span.key in resets]
+    across = [span for span in rest if doubts.may_hide(span)]
+    judged += [_or_reset(_counted_on(span), 0.0) for span in across]
+    fresh = _by_port(span for span in rest if span not in across)
+    hiding = _hiding(fresh, history, is_beside_reset=bool(resets))
+    doubts.hidden.update(dict.fromkeys(hiding, look))
+    for port, group in fresh.items():
+        if port in hiding:
+            rest_h = _shown_h(group)
+            judged += [_or_reset(_counted_on(span), rest_h) for span in group]
+        else:
+            judged += [_counted_on(span) for span in group]
     return judged
 
 
-# -- was it another unit ---------------------------------------------------------------------------
+def _by_port(spans: Iterable[Span]) -> dict[int, list[Span]]:
+    by_port: dict[int, list[Span]] = {}
+    for span in spans:
+        by_port.setdefault(span.port, []).append(span)
+    return by_port
 
 
-def _unit(by_port: Mapping[int, Sequence[Span]], across: Sequence[Span], resets: Resets) -> Unit:
-    """Return which unit was read. Spans `across` a look that found a reset, or may hide one, need
-    not be ordinary: they may end in what the reset left.
+def _shown_h(spans: Iterable[Span]) -> float:
+    return max((span.after.shown.low for span in spans if span.trait.is_time), default=0.0)
+
+
+# -- resets ----------------------------------------------------------------------------------------
+
+
+def _believed_resets(spans: Sequence[Span], history: History) -> dict[Key, tuple[float, float]]:
+    """Return the hours shown by the port, and those from the reading before to the last recorded
+    reset, of each counter of a port whose every counter can have counted from zero since.
     """
-    odd = [one for one in across if not is_ordinary(one)]
-    if not all(one.can_be_reset for one in odd):
-        return Unit.OTHER
-    unit = unit_of(by_port, {port for port in by_port if resets.stated_h(port) is not None})
-    return (
-        Unit.EITHER
-        if unit is Unit.SAME and any(resets.across(one) is Reset.MAYBE for one in odd)
-        else unit
-    )
+    resets: dict[Key, tuple[float, float]] = {}
+    if not history.answers:
+        return resets
+    for port, group in _by_port(spans).items():
+        recorded = {
+            span: hours
+            for span in group
+            if (hours := history.stated_h(RESET, span.before.look, span.after.look, port))
+        }
+        if all(span.can_be_reset for span in recorded):
+            shown_h = _shown_h(recorded)
+            resets |= {span.key: (shown_h, max(hours)) for span, hours in recorded.items()}
+    return resets
 
 
-OF_RESET: Final = ("fell_since", "reset_with_its_port")
-INEXPLICABLE: Final = (
-    "fell_alone",
-    "fell_to_what_cannot_be",
-    "faster_than_time",
-    "faster_than_plausible",
-)
-
-
-def _or_other(judged: Judged, unit: Unit) -> Judged:
-    """Widen a judgement by the possibility that another unit was read."""
-    span = judged.span
-    worked = Interval(0.0, max(judged.delta.high, span.at_most))
-    if judged.rule in OF_RESET and unit is Unit.EITHER:
-        return loose(span, "reset_or_other_unit", worked, DifferenceKind.RESET)
-    if judged.rule in INEXPLICABLE:
-        return loose(span, judged.rule, worked, judged.kind)
-    return loose(span, "beside_what_cannot_be", worked)
-
-
-def _across_another(span: Span, reset: Reset) -> Judged:
-    """Judge a counter not read at the look before which the unit may have been exchanged."""
-    if reset is Reset.YES and span.can_be_reset:
-        return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), DifferenceKind.RESET)
-    return _beside_another(span)
-
-
-def _beside_another(span: Span) -> Judged:
-    """Judge a counter that fits, in a span in which the unit may have been exchanged."""
-    return loose(span, "beside_what_cannot_be", Interval(0.0, span.at_most))
-
-
-# -- was it reset ----------------------------------------------------------------------------------
-
-
-def _verdicts(by_port: Mapping[int, Sequence[Span]], resets: Resets) -> dict[int, Reset]:
-    """Return the reset of each port. A reset that no counter shows is possible beside a port that
-    was reset, or if every port allows it.
+def _hiding(
+    by_port: Mapping[int, Sequence[Span]], history: History, *, is_beside_reset: bool
+) -> set[int]:
+    """Return the ports that may have been reset unseen: beside a port that was reset, or if no
+    counter of the station rules it out.
     """
-    seen = {port: _shown(group, resets.stated_h(port)) for port, group in by_port.items()}
-    can_hide = [port for port, group in by_port.items() if _can_hide(group)]
-    counted = any(one.after.shown.high > 0 for group in by_port.values() for one in group)
-    if Reset.YES in seen.values() or (len(can_hide) == len(by_port) and counted):
-        seen |= {port: Reset.MAYBE for port in can_hide if seen[port] is Reset.NO}
-    return seen
+    hiding = {port for port, group in by_port.items() if all(span.can_be_reset for span in group)}
+    is_counted = any(span.after.shown.high > 0 for group in by_port.values() for span in group)
+    if is_beside_reset or (len(hiding) == len(by_port) and is_counted):
+        return {
+            port
+            for port in hiding
+            if not any(_is_stated_roll_over(span, history) for span in by_port[port])
+        }
+    return set()
 
 
-def _can_hide(group: Sequence[Span]) -> bool:
-    """Whether no counter of a port rules out that it was reset."""
-    return all(one.can_be_reset for one in group)
+# -- breaks ----------------------------------------------------------------------------------------
 
 
-def _shown(group: Sequence[Span], stated_h: float | None) -> Reset:
-    """Return the reset of a port by its counters that fell and by the recorded resets."""
-    fallen = [one for one in group if one.fell]
-    if not _can_hide(group) or not (fallen or stated_h is not None):
-        return Reset.NO
-    if stated_h is not None or any(not one.roll_overs(one.most) for one in fallen):
-        return Reset.YES
-    return Reset.MAYBE
+def _is_break(span: Span, spans: Sequence[Span], history: History) -> bool:
+    if span.can_continue:
+        return False
+    if not span.fell or not span.roll_overs(span.most):
+        return True
+    return not _is_stated_roll_over(span, history) and not _turned_alone(span, spans)
 
 
-# -- what follows ----------------------------------------------------------------------------------
+def _is_stated_roll_over(span: Span, history: History) -> bool:
+    stated = history.stated_h(ROLLED_OVER, span.before.look, span.after.look, span.port)
+    return span.fell and bool(stated)
 
 
-def _of_port(
-    group: Sequence[Span], reset: Reset, ratios: Ratios, stated_h: float | None
-) -> list[Judged]:
-    rest_h = max((one.after.shown.low for one in group if one.trait.is_time), default=0.0)
-    if reset is Reset.YES:
-        return [_was_reset(one, rest_h, stated_h) for one in group]
-    judged = [counted_on(one) for one in group]
-    judged = [by_companion(one, judged, ratios) for one in judged]
-    return [_or_reset(one, rest_h) for one in judged] if reset is Reset.MAYBE else judged
-
-
-def _across(span: Span, reset: Reset) -> Judged:
-    """Judge a counter that was not read at the look that found the reset."""
+def _turned_alone(span: Span, spans: Sequence[Span]) -> bool:
+    """Whether a length passed its last number: every other counter continued, and one of its port
+    rules out a reset.
+    """
+    others = [other for other in spans if other is not span]
     return (
-        _was_reset(span, 0.0, None)
-        if reset is Reset.YES and span.can_be_reset
-        else _or_reset(counted_on(span), 0.0)
+        span.trait.turns_often
+        and all(other.can_continue for other in others)
+        and any(other.port == span.port and not other.can_be_reset for other in others)
     )
 
 
-def _was_reset(span: Span, rest_h: float, stated_h: float | None) -> Judged:
-    rule = (
-        "stated_reset"
-        if stated_h is not None
-        else "fell_since"
-        if span.fell
-        else "reset_with_its_port"
-    )
-    lost = Interval(0.0, _lost_at_most(span, rest_h, stated_h))
+def _broken(span: Span) -> Judged:
+    if span.fell:
+        return _loose(span, "fell", Interval(0.0, span.at_most), DifferenceKind.FELL)
+    worked = Interval(0.0, max(span.worked.high, span.at_most))
+    if span.can_continue:
+        return _loose(span, BESIDE, worked)
+    if span.trait.is_time:
+        return _loose(span, "faster_than_time", worked, DifferenceKind.IMPOSSIBLE)
+    return _loose(span, "faster_than_plausible", worked)
+
+
+def beside(span: Span) -> Judged:
+    """Judge a counter that fits, in a span in which the record of its station is broken."""
+    return _loose(span, BESIDE, Interval(0.0, span.at_most))
+
+
+# -- one counter -----------------------------------------------------------------------------------
+
+
+def _counted_on(span: Span) -> Judged:
+    """Judge a counter of a port that was not reset."""
+    if span.after.shown.high >= span.top:
+        most = max(span.worked.high, span.most)
+        return _loose(span, "stands_at_top", Interval(span.worked.low, most))
+    usual = span.roll_overs(span.usual)
+    if span.fell:
+        if len(usual) == 1:
+            return Judged(span, DifferenceKind.ROLL_OVER, "rolled_over", roll_overs=1)
+        turns = span.roll_overs(span.most)
+        worked = Interval(_rolled_over(span, 1).low, _rolled_over(span, turns[-1]).high)
+        return _loose(span, "rolled_over_unknown_times", worked, DifferenceKind.ROLL_OVER)
+    if usual:
+        most = _rolled_over(span, span.roll_overs(span.most)[-1]).high
+        return _loose(span, "can_have_rolled_over", Interval(span.worked.low, most))
+    if span.is_unchanged:
+        return Judged(span, DifferenceKind.ZERO, "unchanged")
+    return Judged(span, DifferenceKind.NORMAL, "went_on")
+
+
+def _was_reset(span: Span, rest_h: float, reset_h: float) -> Judged:
+    lost = Interval(0.0, _lost_at_most(span, rest_h, reset_h))
     return Judged(
-        span, DifferenceKind.RESET, rule, Join.FROM_ZERO, lost=lost, is_known=lost.high <= 0
+        span,
+        DifferenceKind.RESET,
+        "stated_reset",
+        Join.FROM_ZERO,
+        lost=lost,
+        is_known=lost.high <= 0,
     )
 
 
-def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> float:
-    """Return the greatest possible advance before the reset: in the elapsed time minus the hours
+def _or_reset(judged: Judged, rest_h: float) -> Judged:
+    """Widen a judgement by the possibility of a reset that no counter shows."""
+    span, from_zero = judged.span, _since_zero(judged.span)
+    high = from_zero.high + _lost_at_most(span, rest_h)
+    both = Interval(min(judged.delta.low, from_zero.low), max(judged.delta.high, high))
+    return _loose(span, "can_hide_reset", both, judged.kind)
+
+
+def _lost_at_most(span: Span, rest_h: float, reset_h: float = math.inf) -> float:
+    """Return the greatest possible advance before a reset: in the elapsed time minus the hours
     shown since.
 
     For a counter that may have rolled over since the reset: all that was possible beyond what it
@@ -307,17 +282,25 @@ def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> f
     """
     if span.at_most >= span.modulus:
         return span.at_most - span.after.shown.low
-    hours = max(0.0, span.elapsed_h * DRIFT - rest_h)
-    # recorded hours count from the look before
-    if stated_h is not None and span.before.look == span.after.look - 1:
-        hours = min(hours, stated_h * DRIFT)
+    hours = max(0.0, min(span.elapsed_h * DRIFT - rest_h, reset_h * DRIFT))
     return hours if span.trait.is_time else hours * span.trait.fastest
 
 
-def _or_reset(judged: Judged, rest_h: float) -> Judged:
-    span, from_zero = judged.span, since_zero(judged.span)
-    high = from_zero.high + _lost_at_most(span, rest_h)
-    both = Interval(min(judged.delta.low, from_zero.low), max(judged.delta.high, high))
-    if span.fell:
-        return loose(span, "rolled_over_or_reset", both)
-    return loose(span, "can_hide_reset", both, judged.kind)
+def _since_zero(span: Span) -> Interval:
+    """Return the advance that the last reading stands for, counted from zero."""
+    return Interval(span.after.shown.low, span.after.shown.high + span.trait.step)
+
+
+def _rolled_over(span: Span, times: int) -> Interval:
+    """Return the advance with `times` roll-overs."""
+    if not times:
+        return span.worked
+    by, step = times * span.modulus, span.trait.step
+    return Interval(max(0.0, span.grown.low + by - step), span.grown.high + by + step)
+
+
+def _loose(
+    span: Span, rule: str, worked: Interval, kind: DifferenceKind = DifferenceKind.SUSPECT
+) -> Judged:
+    """Return a judgement of which only the bounds `worked` are known."""
+    return Judged(span, kind, rule, Join.LOOSE, lost=worked, is_known=False)

@@ -31,12 +31,13 @@ LEAST_MODULUS: Final = 16.0**HEX_DIGITS / 10
 class Trait:
     """`step`: two readings that differ by d stand for d - step to d + step. `fastest`: the greatest
     plausible advance per hour of the first existing counter in `hours`, or of elapsed time if
-    `hours` is empty.
+    `hours` is empty. `turns_often`: it passes its last number within weeks.
     """
 
     step: float
     fastest: float
     hours: tuple[str, ...] = ()
+    turns_often: bool = False
 
     @property
     def is_time(self) -> bool:
@@ -48,7 +49,7 @@ TRAITS: Final = {
     "sleep_cycles": Trait(0.0, 60.0, ("plugged_h", "on_h")),
     "desolder_cycles": Trait(0.0, 600.0, ("work_h",)),
     "dispensed_cycles": Trait(0.0, 2000.0, ("work_h",)),
-    "dispensed_mm": Trait(0.1, 4000.0, ("work_h",)),
+    "dispensed_mm": Trait(0.1, 4000.0, ("work_h",), turns_often=True),
     "tool_cycles": Trait(0.0, 60.0, ("on_h",)),
     "suction_cycles": Trait(0.0, 600.0, ("on_h",)),
 }

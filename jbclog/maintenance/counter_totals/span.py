@@ -143,6 +143,10 @@ class Span(msgspec.Struct, frozen=True, gc=False):
     grown: Interval
 
     @property
+    def key(self) -> tuple[int, str]:
+        return self.port, self.counter
+
+    @property
     def fell(self) -> bool:
         return self.grown.high < 0
 
@@ -184,8 +188,3 @@ class Span(msgspec.Struct, frozen=True, gc=False):
         return shown <= (
             self.elapsed_h * DRIFT if self.trait.is_time else self.elapsed_h * self.trait.fastest
         )
-
-    @property
-    def is_impossible(self) -> bool:
-        """Whether neither a continued count nor a roll-over nor a reset explains it."""
-        return not (self.can_continue or self.roll_overs(self.most) or self.can_be_reset)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Final, overload
+from typing import Final
 
 import msgspec
 
@@ -25,11 +25,14 @@ class DifferenceKind(StrEnum):
     ROLL_OVER = "roll_over"
     RESET = "reset"
     REPLACED = "replaced"
+    FELL = "fell"
     IMPOSSIBLE = "impossible"
     SUSPECT = "suspect"
 
 
-DOUBTFUL: Final = frozenset({DifferenceKind.IMPOSSIBLE, DifferenceKind.SUSPECT})
+DOUBTFUL: Final = frozenset(
+    {DifferenceKind.FELL, DifferenceKind.IMPOSSIBLE, DifferenceKind.SUSPECT}
+)
 PLAIN: Final = frozenset({DifferenceKind.NORMAL, DifferenceKind.ZERO})
 RATE_DAYS: Final = 28.0
 
@@ -137,7 +140,7 @@ class Trace:
 
     `kept` has the differences: None for one of a counter that continues and has not rolled over. A
     long ledger has millions of these, so they are made of their points when asked for. `aside` are
-    differences outside the sum: to ignored readings, and from the station that was replaced.
+    differences outside the sum: from the station that was replaced.
     """
 
     port: int
@@ -148,8 +151,25 @@ class Trace:
     aside: list[Difference] = field(default_factory=list)
 
     @property
-    def differences(self) -> Differences:
-        return Differences(self)
+    def differences(self) -> list[Difference]:
+        return [self.difference(place) for place in range(len(self.kept))]
+
+    def difference(self, place: int) -> Difference:
+        """Return the difference that leads to the point after `place`; -1: to the last."""
+        place %= len(self.kept)
+        kept = self.kept[place]
+        if kept is not None:
+            return kept
+        before, after = self.points[place], self.points[place + 1]
+        return continued(
+            self.port,
+            self.counter,
+            self.step,
+            before.shown,
+            after.shown,
+            before.time,
+            after.time,
+        )
 
     @property
     def is_time(self) -> bool:
@@ -198,41 +218,6 @@ class Trace:
             first=self.points[0].shown.low,
             is_known=self.is_known(0, last),
             marks=tuple(sorted([*marks, *self.aside], key=lambda one: one.end)),
-        )
-
-
-class Differences(Sequence[Difference]):
-    """All differences of a trace, each made when it is asked for if it is not kept."""
-
-    __slots__ = ("_trace",)
-
-    def __init__(self, trace: Trace) -> None:
-        self._trace = trace
-
-    def __len__(self) -> int:
-        return len(self._trace.kept)
-
-    @overload
-    def __getitem__(self, place: int) -> Difference: ...
-    @overload
-    def __getitem__(self, place: slice) -> list[Difference]: ...
-    def __getitem__(self, place: int | slice) -> Difference | list[Difference]:
-        if isinstance(place, slice):
-            return [self[one] for one in range(*place.indices(len(self)))]
-        trace = self._trace
-        kept = trace.kept[place]
-        if kept is not None:
-            return kept
-        at = place % len(self)
-        before, after = trace.points[at], trace.points[at + 1]
-        return continued(
-            trace.port,
-            trace.counter,
-            trace.step,
-            before.shown,
-            after.shown,
-            before.time,
-            after.time,
         )
 
 

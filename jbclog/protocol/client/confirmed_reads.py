@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
@@ -90,7 +91,14 @@ PAUSES_S: Final = (SETTLE_S, 1.0, 2.0, 3.0)
 """Pauses between tries: a station may be busy for seconds, and no manual prints a response time."""
 START_TRIES: Final = 1 + len(PAUSES_S)  # each with the client's own repeats
 SILENT_S: Final = 10.0  # without a complete answer; then there are no more tries
-LOST: Final = (AnswerTimeout, AnswerCorrupt, AnswerFormat, ImplausibleAnswer, NotReceived)
+LOST: Final = (
+    AnswerTimeout,
+    AnswerCorrupt,
+    AnswerFormat,
+    AnswerContradicted,
+    ImplausibleAnswer,
+    NotReceived,
+)
 """Errors that the link can cause, none of them a decision of the station."""
 
 

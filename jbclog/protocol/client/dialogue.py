@@ -10,7 +10,10 @@
 4. Other forms are accepted where the manuals contradict each other, and counted
    (`protocol/commands/decisions.py`). A form that another answer could have is accepted only while
    nothing is in doubt, and never right after the request that it would properly answer.
-5. The time-out follows from the number of bytes, the line format and the response times of reads
+5. If a second, different answer to the last question arrives before the next exchange has ended,
+   one of the two is another question's: the first is noted in `contradicted`. That holds only if
+   no answer to the same question asked before can be on its way, so not after a lost answer.
+6. The time-out follows from the number of bytes, the line format and the response times of reads
    seen on this station, up to `MOST_S`. A write gets longer: storing may be slow, and no manual
    prints how slow (docs/reference/contradictions.md, B-13).
 
@@ -20,8 +23,10 @@ Everything here is a generator without I/O (`core.io_requests`).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Iterable
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
@@ -35,7 +40,12 @@ from jbclog.core.errors import (
 )
 from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.interface import Anomalies, FloodDetector
+from jbclog.protocol.client.interface import (
+    Anomalies,
+    Contradiction,
+    FloodDetector,
+    ignore_end,
+)
 from jbclog.protocol.client.question import Question, known_answers
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS
@@ -101,15 +111,24 @@ class Dialogue:
         self.first_sent: float | None = None
         self.heard = 0.0
         self.now = 0.0
+        self.data = ""
         self.exchanges = 0  # requests sent
         self.turnaround_s: float | None = None  # longest recent response time
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
+        self.contradicted: Contradiction | None = None
+        self.ended: Callable[[bool], None] = ignore_end
         self._reader = FrameReader()
         # codes of requests whose answers may be on their way, oldest first
         self._doubted: list[str] = []
         self._is_clear = True  # nothing was in doubt when the pending request was sent
+        # only the pending request can be answered with its code
+        self._is_only_one = True
+        self._lost: set[str] = set()  # codes whose last request got no answer
+        # the last answered read, while another answer to it contradicts the first
+        self._answered: Question | None = None
+        self._has_tail = False  # the reader holds what may be the beginning of that
         self._pending = self._last = ""  # codes of the pending request and of the previous one
         self._is_overdue = False  # the last request timed out
         self._request = Ask(b"", 0.0)  # the pending one
@@ -186,9 +205,13 @@ class Dialogue:
             heard = yield self._begin(question)
             text = None if self._count(question, heard) else question.text_in(heard.data)
             if text is not None:
-                self._note_time(heard.now, question, question.wire_s)
+                self._note_answer(heard.now, question, question.wire_s, text)
                 return text
-        return (yield from self._gather(question, heard, heard.sent + self._request.patience_s))
+        try:
+            return (yield from self._gather(question, heard, heard.sent + self._request.patience_s))
+        except StationError as error:
+            self._note_failure(question, error)
+            raise
 
     def _begin(self, question: Question) -> Ask:
         """Register `question` as pending and return its request. On a flooded link only writes
@@ -196,9 +219,11 @@ class Dialogue:
         """
         if self.flow.found is not None and not question.is_write:
             raise self.flow.taken()
-        if self._reader.held:
+        if self._reader.held and not self._has_tail:
             self._reader.reset()  # earlier bytes cannot be the answer
+        self._has_tail = False
         doubted = self._doubted
+        self._is_only_one = question.code not in doubted and question.code not in self._lost
         self._last, self._pending, self._is_clear = self._pending, question.code, not doubted
         doubted.append(question.code)  # until this or a later request is answered
         if len(doubted) > MOST_DOUBTED:
@@ -238,7 +263,8 @@ class Dialogue:
         while heard.data:
             self.now = heard.now
             self.flow.expect_none()
-            for found in self._reader.feed(heard.data):
+            frames = iter(self._reader.feed(heard.data))
+            for found in frames:
                 if self.flow.is_suspect:
                     self.strays["flood"] += 1
                     failure = AnswerFormat(
@@ -254,12 +280,20 @@ class Dialogue:
                     continue
                 data = self._match(question, found)
                 if data is not None:
-                    self._note_time(
+                    self._note_answer(
                         heard.now,
                         question,
                         self.line.seconds(len(question.frame) + len(found.encode())),
+                        data,
                     )
+                    self._look_behind(frames)
+                    if self.contradicted is not None:
+                        self.contradicted = None
+                        raise AnswerContradicted(
+                            f"{question.title()}: another answer came right behind A{found.text}"
+                        )
                     return data
+                self._compare(found)
                 if not isinstance(failure, AnswerCorrupt):
                     failure = AnswerFormat(
                         f"{question.title()}: answered by {self._why_no_answer(found)}"
@@ -393,7 +427,7 @@ class Dialogue:
                 self._answer_from_station = False
                 self._questions.clear()
                 raw = f"{frame.source:02d}{frame.target:02d}{frame.header}{frame.text}"
-                # counted in `_note_time`, once for each accepted answer
+                # counted in `_note_answer`, once for each accepted answer
                 self.anomalies.meet(6, question.title(), raw, times=0)
             return True
         if pair in self._moving:
@@ -421,20 +455,54 @@ class Dialogue:
             number, f"{question.title()}: refused with N {number:05d}, {meaning}"
         )
 
-    def _note_time(self, now: float, question: Question, wire_s: float) -> None:
+    def _note_answer(self, now: float, question: Question, wire_s: float, data: str) -> None:
         """Register a complete answer at `now`. Only reads count for the response time."""
+        self.ended(True)
+        self.contradicted = None
         self.now = self.heard = now
         self._settled()
+        self._answered = None
         if not self._answer_from_station:
             self.anomalies.counts[6] += 1
         if question.is_write:
             return
+        self.data = data
+        self._lost.discard(question.code)
+        if self._is_only_one:
+            self._answered = question
         took, seen = now - self.sent - wire_s, self.turnaround_s
         if took < 0.0:
             took = 0.0
         if seen is not None and took <= seen:
             took = seen * 0.999 + took * 0.001  # let the effect of a late answer decay slowly
         self.turnaround_s = took
+
+    def _note_failure(self, question: Question, error: StationError) -> None:
+        """Register the end of an exchange without an answer."""
+        is_silent = isinstance(error, AnswerTimeout)
+        self.ended(not is_silent)
+        if not is_silent:
+            self._answered = None
+        if not isinstance(error, Refusal | AnswerContradicted):
+            self._lost.add(question.code)
+
+    def _look_behind(self, frames: Iterable[Frame | CorruptFrame]) -> None:
+        """Compare the frames that nobody asked for, behind an answer or without a request."""
+        for frame in frames:
+            if isinstance(frame, Frame):
+                self._compare(frame)
+        self._has_tail = bool(self._reader.held)
+
+    def _compare(self, frame: Frame) -> None:
+        """Note a contradiction if `frame` is another answer to the last answered read."""
+        question = self._answered
+        pair = (frame.source, frame.target)
+        own = (self.address, None if self.address is None else self.host_address)
+        if question is None or self.flow.is_suspect or pair not in (own, own[::-1]):
+            return
+        if _is_other_answer(question, frame, self.data):
+            self.contradicted = Contradiction(question.command, self.heard)
+            self._answered = None
 
     def _settled(self) -> None:
         """Clear earlier doubts: answers come in the order of requests, so none to an earlier
@@ -462,5 +530,23 @@ class Dialogue:
                 break
             self.flow.expect_none()
             self.strays["late"] += 1
-            self._reader.feed(heard.data)
+            self._look_behind(self._reader.feed(heard.data))
         self._reader.reset()
+
+
+def _is_other_answer(question: Question, frame: Frame, data: str) -> bool:
+    """Return True if `frame` is a valid answer to `question`, and not the one with `data`."""
+    if frame.header == "N":
+        return frame.text[:-5] == question.code and frame.text[-5:].isdigit()
+    if frame.header != "A" or not frame.text.startswith(question.code):
+        return False
+    other = frame.text[len(question.code) :]
+    if question.is_short and len(other) == 6 and other[0] in " 0":
+        other = other[1:]  # as `_value` accepts it
+    if not other or question.digits not in (None, len(other)):
+        return False
+    decode = question.command.quantity.decode
+    try:
+        return decode(other) != decode(data)
+    except ValueError:
+        return False

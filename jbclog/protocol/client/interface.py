@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from jbclog.core.errors import LinkFlooded
 from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
@@ -180,6 +180,19 @@ def permit_all(_command: Command, _value: Value, _port: int | None, _tool: int |
     """Permit every write."""
 
 
+class Contradiction(NamedTuple):
+    """An answer to a read of `command`, accepted at `heard`, after which another one arrived that
+    differs.
+    """
+
+    command: Command
+    heard: float
+
+
+def ignore_end(_is_answered: bool) -> None:
+    """Do nothing at the end of an exchange."""
+
+
 class PreparedRead(Protocol):
     """A read prepared once and sent often; opaque except for its command, duration and name."""
 
@@ -200,7 +213,11 @@ class Client(Protocol):
     `now`: time of the last result. `first_sent`: `ask` first sent something since the session set
     it to None. `data`: raw data field of the last answer that has one. `strays` counts frames
     without a request, by kind; `anomalies` accepted deviations from the recommended form. `permit`
-    is called before each write. `flow` detects floods: reads raise `LinkFlooded`.
+    is called before each write. `flow` detects floods: reads raise `LinkFlooded`. `ended` is called
+    when an exchange has ended, with False if nothing came, while `heard` and `data` are still those
+    of the last one. Once anything has come, no further answer to the last one is looked for.
+    `contradicted` is the last
+    accepted answer if another one contradicts it.
     """
 
     permit: Permit
@@ -214,6 +231,8 @@ class Client(Protocol):
     strays: Counter[str]
     anomalies: Anomalies
     flow: FloodDetector
+    ended: Callable[[bool], None]
+    contradicted: Contradiction | None
 
     @property
     def garbage_bytes(self) -> int:

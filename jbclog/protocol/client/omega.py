@@ -17,7 +17,8 @@ The rules:
    decides whether D succeeded.
 5. The controller sends h and i when a joint is completed, at any time. They answer nothing and are
    kept in `completions`.
-6. The time-out is transmission time plus `ALLOWED_S`; 003, 11.1 prints 0 to 250 ms.
+6. A second, different answer to the last question contradicts the first, as in `dialogue.py`.
+7. The time-out is transmission time plus `ALLOWED_S`; 003, 11.1 prints 0 to 250 ms.
 
 Everything here is a generator without I/O (`core.io_requests`).
 """
@@ -25,10 +26,12 @@ Everything here is a generator without I/O (`core.io_requests`).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
@@ -41,9 +44,11 @@ from jbclog.core.quantities import Value
 from jbclog.core.serial_line import FRAMING, LineFormat
 from jbclog.protocol.client.interface import (
     Anomalies,
+    Contradiction,
     FloodDetector,
     Permit,
     PreparedRead,
+    ignore_end,
     permit_all,
 )
 from jbclog.protocol.commands.command import Command
@@ -123,12 +128,17 @@ class OmegaStation:
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
+        self.contradicted: Contradiction | None = None
+        self.ended: Callable[[bool], None] = ignore_end
         self.completions: list[Completion] = []
         self.without_digit: set[str] = set()  # letters of answers that came without their digit
         self._reader = OmegaReader()
         # letters of answers that may be on their way, and until when
         self._doubted: dict[str, float] = {}
         self._last = ""  # the letter of the last answer
+        self._lost: set[str] = set()  # letters of requests whose last try got no answer
+        # the last answered read, while another answer to it contradicts the first
+        self._last_read: OmegaQuestion | None = None
         self._answered: set[str] = set()  # letters of all answers so far
         self._questions: dict[str, OmegaQuestion] = {}
 
@@ -168,7 +178,7 @@ class OmegaStation:
             elif question.letter == self._last:
                 yield from self._listen_until(self.heard + QUIET_S)
             try:
-                self.data = yield from self._exchange(question)
+                yield from self._exchange(question)
                 self._note_length(question)
                 return question.command.quantity.decode(self.data)
             except ValueError as error:  # a complete answer, so none is on its way
@@ -214,7 +224,7 @@ class OmegaStation:
         )
         known = len(self.completions)
         try:
-            yield from self._exchange(question)
+            yield from self._exchange(question, is_read=False)
         except AnswerTimeout as error:
             if not (yield from self._settle(question.letter)):
                 raise StationSilent(
@@ -279,6 +289,8 @@ class OmegaStation:
             try:
                 yield from self._exchange(probe)
                 return True
+            except AnswerContradicted:
+                return True
             except UNCERTAIN:
                 continue
         return False
@@ -294,8 +306,10 @@ class OmegaStation:
         """Return the time-out of a request, from the moment it is sent."""
         return question.wire_s + min(max(ALLOWED_S, 2 * self.turnaround_s), MOST_S)
 
-    def _exchange(self, question: OmegaQuestion) -> Steps[str]:
-        """Send a request; return the text after its answer's letter. Raises `UNCERTAIN`."""
+    def _exchange(self, question: OmegaQuestion, *, is_read: bool = True) -> Steps[None]:
+        """Send a request; put the text after its answer's letter into `data`. Raises
+        `UNCERTAIN`.
+        """
         self.flow.expect_none()
         patience_s = self.patience_s(question)
         heard = yield Ask(question.frame, patience_s)
@@ -315,10 +329,20 @@ class OmegaStation:
             except UNCERTAIN as error:
                 unanswered, found = error, []
             if found:
-                self._note_answer(question, heard.now)
-                return found[0]
+                self._note_answer(question, heard.now, found[0], is_read=is_read)
+                for data in found[1:]:
+                    self._compare(question.letter + data)
+                if self.contradicted is not None:
+                    self.contradicted = None
+                    raise AnswerContradicted(f"{question.title()}: two answers came together")
+                return
             heard = yield Listen(until)
             self.flow.came(heard.now, len(heard.data))
+        is_silent = isinstance(unanswered, AnswerTimeout)
+        self.ended(not is_silent)
+        if not is_silent:
+            self._last_read = None
+        self._lost.add(question.letter)
         self.now = heard.now
         self._reader.reset()
         self._doubted[question.letter] = self.sent + GONE_S
@@ -344,6 +368,7 @@ class OmegaStation:
                     answers.append("")
             elif question is None or not found.startswith(question.answer):
                 self.strays[self._kind_of(found, asked=question is not None)] += 1
+                self._compare(found)
             elif question.fits(found):
                 answers.append(found[1:])
             else:
@@ -361,10 +386,19 @@ class OmegaStation:
             return "late"
         return "code" if asked else "unasked"
 
-    def _note_answer(self, question: OmegaQuestion, now: float) -> None:
+    def _note_answer(
+        self, question: OmegaQuestion, now: float, data: str, *, is_read: bool
+    ) -> None:
         """Clear earlier doubts: answers come in order, so none to an earlier request is on its
         way.
         """
+        self.ended(True)
+        self.contradicted = None
+        is_only_one = question.letter not in self._lost
+        self._last_read = question if is_read and is_only_one else None
+        self._lost.discard(question.letter)
+        if is_read:
+            self.data = data
         self.now = self.heard = now
         self._doubted.clear()
         self._last = question.letter
@@ -373,6 +407,20 @@ class OmegaStation:
         self.turnaround_s = (
             took if took > self.turnaround_s else self.turnaround_s * 0.99 + took * 0.01
         )
+
+    def _compare(self, text: str) -> None:
+        """Note a contradiction if `text` is another answer to the last answered read."""
+        question = self._last_read
+        if question is None or not text.startswith(question.answer) or not question.fits(text):
+            return
+        decode = question.command.quantity.decode
+        try:
+            is_other = decode(text[1:]) != decode(self.data)
+        except ValueError:
+            return
+        if is_other:
+            self.contradicted = Contradiction(question.command, self.heard)
+            self._last_read = None
 
     def _await_completion(self, question: OmegaQuestion, known: int) -> Steps[None]:
         """Wait for h or i, probing now and then.

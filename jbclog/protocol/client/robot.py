@@ -25,6 +25,7 @@ from __future__ import annotations
 from itertools import cycle, islice
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
@@ -78,7 +79,6 @@ class Station(Dialogue):
 
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
         super().__init__(line, address, host_address)
-        self.data = ""
         self.permit: Permit = permit_all
         self._padded: Question | None = None  # R-TT with a blank, if the station needs it
         self._takes_bare = False  # the station answered R-TT without a blank
@@ -103,6 +103,7 @@ class Station(Dialogue):
         seen = self.turnaround_s
         if (
             self._doubted
+            or self._lost
             or question.is_short
             or seen is None
             or seen > FAST_S
@@ -112,6 +113,7 @@ class Station(Dialogue):
             return self._unusual_request(question)
         # `_begin`, when nothing is in doubt, buffered or slow
         self._last, self._pending, self._is_clear = self._pending, question.code, True
+        self._is_only_one = True
         self._doubted.append(question.code)
         self._request = request = question.usual
         return request
@@ -125,10 +127,12 @@ class Station(Dialogue):
         assert isinstance(question, Question)
         answer = question.known.get(heard.data)
         now, seen, flow = heard.now, self.turnaround_s, self.flow
-        if answer is None or seen is None or now >= flow.quiet_until:
+        if answer is None or seen is None or now >= flow.quiet_until or not self._is_only_one:
             return self._unusual_value(question, heard)
-        # `_count` and `_note_time`, for a plain answer, when none to an earlier request can be on
+        # `_count` and `_note_answer`, for a plain answer, when none to an earlier request can be on
         # its way
+        self.ended(True)
+        self.contradicted = None
         self.exchanges += 1
         flow.in_order += question.answer_length
         self.now = self.heard = now
@@ -141,6 +145,7 @@ class Station(Dialogue):
         self.turnaround_s = took if took > seen else seen * 0.999 + took * 0.001
         if not self._answer_from_station:
             self.anomalies.counts[6] += 1
+        self._answered = question
         self.data, value = answer
         return value
 
@@ -154,10 +159,10 @@ class Station(Dialogue):
         answer = question.known.get(data) or question.answer_in(data)
         if answer is None:
             return None
-        self._note_time(now, question, question.wire_s)
-        self.data, value = answer
+        text, value = answer
+        self._note_answer(now, question, question.wire_s, text)
         if question.odd or question.also:
-            self._note_form(question, self.data)
+            self._note_form(question, text)
         return value
 
     def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
@@ -194,7 +199,7 @@ class Station(Dialogue):
             if heard is None and question.code in self._doubted:
                 yield from self._settle(question)
             try:
-                self.data = text = yield from self._exchange(question, heard)
+                text = yield from self._exchange(question, heard)
                 value = question.value_of(text)
             except ValueError as error:  # a complete answer, so none is on its way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
@@ -318,7 +323,7 @@ class Station(Dialogue):
             self.flow.came(heard.now, len(heard.data))
         if heard.data:
             self.strays["unasked"] += 1
-            self._reader.feed(heard.data)  # the next request drops these
+            self._look_behind(self._reader.feed(heard.data))
 
     def _ask_short(self, question: Question) -> Steps[Value]:
         """Send R-TT bare; if it was never answered and is refused or times out, send it with a
@@ -377,8 +382,8 @@ class Station(Dialogue):
                 yield from self._drain()
             try:
                 yield from self._exchange(probe)
-            except Refusal:
-                pass  # a refusal proves it as well
+            except (Refusal, AnswerContradicted):
+                pass  # they prove it as well
             except UNCERTAIN as error:
                 failure, unanswered = error, unanswered + 1
                 if unanswered == PROBES:

@@ -97,7 +97,7 @@ def _of_station(station: StationAudit) -> Iterator[Row]:
             "state": drift.than,
             "text": drift.text,
         }
-    for note in station.notes:
+    for note in (*([station.question] if station.question else []), *station.notes):
         yield {"kind": "note", "text": note}
 
 

@@ -215,7 +215,8 @@ def is_baseline(audit: FleetAudit) -> bool:
     compare with yet.
     """
     is_calm = not (audit.wrong or audit.not_kept) and not any(
-        one.doubts or any(task.state in URGENT for task in one.tasks) for one in audit.stations
+        one.doubts or one.question or any(task.state in URGENT for task in one.tasks)
+        for one in audit.stations
     )
     return (
         bool(audit.stations)
@@ -265,6 +266,9 @@ def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
         f"{row.station.station}: not seen, last on {day(row.station.last_seen)}"
         for row in rows
         if not row.station.seen
+    ]
+    found += [
+        f"{station.station}: {station.question}" for station in audit.stations if station.question
     ]
     doubts = sum(len(station.doubts) for station in audit.stations)
     if doubts:

@@ -71,6 +71,9 @@ class PortState:
     status: tuple[int, ...] | None = None
     has_suction: bool | None = None  # the hundreds digit of the status, confirmed by two answers
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
+    # when the last one of tip or air was read; None if another tool was in the port then
+    temperature_at: float | None = None
+    pulled_c: int | None = None  # last reading that no tip can have cooled to, since that
     hottest_c: int | None = None  # since the last reading of the alarm flags, while alarms count
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted since the last reading of the flags
@@ -130,6 +133,8 @@ class SessionContext:
         self.feeder_touched = False
         self.feeder_stopped = False  # at the end, as read back
         self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
+        self.answered_at: float | None = None  # while an answer is handed over: when it came
+        self.close_rows: Callable[[], None] = lambda: None  # writes those that wait at the end
         self.connected = False
         self.away_when: str | None = None  # why the run ended while the station was away
         self.is_proven = False  # the link has not broken since the station was identified
@@ -242,8 +247,8 @@ class SessionContext:
 
     @property
     def now(self) -> float:
-        """Time of the last result, monotonic seconds."""
-        return self.station.now
+        """Time of the last result, or of the answer being handed over, monotonic seconds."""
+        return self.station.now if self.answered_at is None else self.answered_at
 
     def command(self, name: str) -> Command:
         return self.family.commands[name]

@@ -16,6 +16,7 @@ from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingOutcome, Severity
 from jbclog.protocol.client.dialogue import LEAST_S
 from jbclog.protocol.commands.command import Scope
+from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext
@@ -127,7 +128,7 @@ class Sampler:
         }
         context.count_readings = self._count_readings
         self._scans = {
-            number: PortScan(port, self._fast_of(number), alarms[number])
+            number: PortScan(port, self._fast_of(number), alarms[number], self._needs_tool(number))
             for number, port in context.ports.items()
         }
 
@@ -171,6 +172,13 @@ class Sampler:
             if probe.reading.period_s is None and probe.reading.port == port
         ]
 
+    def _needs_tool(self, port: int) -> list[SignalRead]:
+        return [
+            probe
+            for (name, number), probe in self._probes.items()
+            if number == port and name in NEEDS_A_TOOL
+        ]
+
     def is_over(self, tick: int) -> bool:
         moment = self.grid.due(tick) if self.paced else self.context.now
         return self.end is not None and moment >= self.end - 1e-9
@@ -181,6 +189,19 @@ class Sampler:
         Raises `StationLost` after writing the rows of its tick, and `StartRefused` if the station
         has nothing to sample.
         """
+        try:
+            tick = yield from self._run(tick)
+        except RunEnded:
+            self._scanner.act_at_end()
+            raise
+        except Exception:
+            self._scanner.hand_over()
+            self._scanner.raise_failure()
+            raise
+        yield from self._await_contradiction()
+        return tick
+
+    def _run(self, tick: int) -> Steps[int]:
         standstill, station = self._standstill, self.context.station
         standstill.due = max(standstill.due, station.now)
         while not self.is_over(tick):
@@ -189,10 +210,10 @@ class Sampler:
             if standstill.late_s:  # no tick was late for longer than this one is
                 standstill.late_s = min(standstill.late_s, max(station.now - due, 0.0))
             if self.paced:
-                wait = Wait(due)
-                heard = yield wait
-                standstill.wait_over(wait, heard.now)
-                station.unasked(heard)
+                held_until = self._scanner.held_until
+                if held_until is not None and held_until < due:
+                    yield from self._await_contradiction()
+                yield from self._wait(due)
             self.context.facts.last_tick = tick
             yield from self._tick(tick, due if self.paced else None)
             # without pause the loop would never wait
@@ -208,6 +229,20 @@ class Sampler:
             if self._busy.ticks or self._slow.ticks:
                 self._report_skipped()
         return tick
+
+    def _wait(self, until: float) -> Steps[None]:
+        wait = Wait(until)
+        heard = yield wait
+        self._standstill.wait_over(wait, heard.now)
+        self.context.station.unasked(heard)
+
+    def _await_contradiction(self) -> Steps[None]:
+        """Wait until the rows that are held have to be handed over, and do so."""
+        until = self._scanner.held_until
+        if until is not None:
+            yield from self._wait(until)
+        self._scanner.hand_over()
+        self._scanner.raise_failure()
 
     def watched(self, steps: Steps[T]) -> Steps[T]:
         """Run `steps` and measure the host's delays."""
@@ -304,6 +339,7 @@ class Sampler:
                 yield from self._take(scan, scan.fast)
             if self._ending is None:
                 yield from self._take_slow(tick)
+            self._scanner.raise_failure()
         except (LinkError, StationSilent, RobotModeOff) as error:
             unasked = error.reason if isinstance(error, RobotModeOff) else LinkError.reason
             self.context.connected = self._ending is None
@@ -326,15 +362,21 @@ class Sampler:
         context, scanner, standstill = self.context, self._scanner, self._standstill
         station = context.station
         for probe in probes:
+            if scanner.failure is not None:
+                scanner.raise_failure()
             if self._ending is not None and station.now > self._finish_by:
                 raise self._ending
             probe.due += 1
             heard: IoResult | BaseException | None = None
             value = None
-            request: Ask | Listen | None = station.request(probe.question)
-            if request is not None:
+            asked = station.request(probe.question)
+            if asked is not None:
+                request: Ask | Listen = asked
                 try:
-                    heard = result = yield request
+                    if scanner.finished:
+                        heard = result = yield from self._ask_holding(asked)
+                    else:
+                        heard = result = yield asked
                     value = station.value(probe.question, result)
                     now = result.now
                     if result.late_s or now > standstill.due + LEAST_S:  # sooner, nothing is late
@@ -371,6 +413,21 @@ class Sampler:
                 self._ending = end  # also if a remaining reading fails
                 self._finish_by = self.context.now + FINISH_S
                 yield from self.watched(scanner.take(probe, scan))
+
+    def _ask_holding(self, request: Ask) -> Steps[IoResult]:
+        """Send the first request after a tick whose rows are still held; hand them over when their
+        time is up, even if no answer has come yet.
+        """
+        held_until, now = self._scanner.held_until, self.context.now
+        if held_until is None or now + request.patience_s <= held_until:
+            return (yield request)
+        result = yield Ask(request.data, max(held_until - now, 0.0))
+        end = result.sent + request.patience_s
+        if result.data or result.now >= end:
+            return result
+        self._scanner.hand_over()
+        rest = yield Listen(end)
+        return rest._replace(sent=result.sent)
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Read slow signals, most urgent first, while there is time; without a grid, or if late,
@@ -451,6 +508,12 @@ class Sampler:
             self._leave_out(left_out)
         self._standstill.spans.clear()
         return tick
+
+    def close(self) -> None:
+        """Write the rows that still wait, once the tools are in their safe state."""
+        self._scanner.hand_over()
+        self._scanner.raise_failure()
+        self._scanner.report_contradicted()
 
     def account(self) -> None:
         """Put the numbers of due and obtained readings into the facts."""

@@ -2,14 +2,22 @@
 
 A missing value is null with a reason. A value that would stop a run, a counter, and an implausible
 value are read again before they are accepted (`readings.py`).
+
+An answer may be an old one that the link repeats directly before the true one. So it counts, for
+alarms, tools, counters and everything else that the session concludes from it, once the next
+exchange has ended with an answer, or `HELD_S` after it. If the client has met another answer to the
+same question by then, the value is withdrawn. Rows are written in their order, each once all its
+values count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from jbclog.core.errors import (
+    AnswerContradicted,
     ImplausibleAnswer,
     LinkError,
     NotSupported,
@@ -21,9 +29,10 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value, permille_of
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, Severity, quality_of, reasons_text
-from jbclog.protocol.client.interface import PreparedRead
+from jbclog.core.text import count_text
+from jbclog.protocol.client.interface import Contradiction, PreparedRead
 from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import NEEDS_A_TOOL, Family
+from jbclog.protocol.commands.family import NEEDS_A_TOOL, NO_TOOL, Family
 from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
@@ -34,8 +43,10 @@ from jbclog.session.run.counters import counter_row
 from jbclog.session.run.identity import expect_identity, expect_same, expect_still_same
 from jbclog.session.run.readings import (
     NO_DIGIT,
+    PULLED,
     SecondLook,
     doubt_of,
+    fell_too_fast,
     may_be_unusable,
     possible_of,
     unusable,
@@ -46,9 +57,21 @@ from jbclog.session.run.watch import OBSERVERS, Observe, is_no_tool, would_chang
 from jbclog.session.scheduler import ScheduledRead
 
 WIDTH = len(SAMPLE_COLUMNS)
+_new = tuple.__new__
 SKIPPED = "skipped"
+CONTRADICTED = AnswerContradicted.reason
+HELD_S = 0.25  # a row waits no longer than this for another answer to its last question
 EXPECTED = frozenset(  # reported by other events, or not at all
-    {"no_tool", "no_thermocouple", "not_counting", NO_DIGIT, SKIPPED, LinkError.reason, "robot_off"}
+    {
+        NO_TOOL,
+        "no_thermocouple",
+        "not_counting",
+        NO_DIGIT,
+        SKIPPED,
+        LinkError.reason,
+        "robot_off",
+        CONTRADICTED,
+    }
 )
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
@@ -156,6 +179,8 @@ class SignalRead:
     place: int | None  # of its first column
     may_be_unusable: bool
     dates_row: bool  # the row has the time of its answer
+    shows_tool: bool  # shows whether the port has a tool
+    is_tip: bool  # the temperature of a tip, which cools only so fast
     expect: Expect | None = None
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
@@ -182,6 +207,8 @@ class SignalRead:
             place,
             is_doubtful,
             name == "temperature_c",
+            name in ("tool", "port_error"),
+            name == "temperature_c" and context.family.hot_part == "tip",
             _expectation(context, reading),
         )
 
@@ -220,6 +247,7 @@ class PortScan:
     port: PortState
     fast: list[SignalRead]
     alarms: AlarmWatch
+    needs_tool: list[SignalRead]  # has no meaning without one
     row: SampleRow = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
     first_sent: float | None = None
@@ -228,13 +256,155 @@ class PortScan:
     no_tool: bool = False
 
 
+class LastAnswer(NamedTuple):
+    """An answer that does not count yet: its value, and the row that has it."""
+
+    probe: SignalRead
+    value: Value
+    scan: PortScan
+    row: SampleRow
+    reasons: dict[str, str]
+
+
 class Scanner:
     """Reads into rows. `due` is when the tick was due; None without a grid."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context = context
         self._station = context.station
+        self._station.ended = self._end_exchange
         self._name = context.name
+        self._last: LastAnswer | None = None
+        self._has_acted = False  # on the last answer, before it counts
+        # rows with their reasons that wait for the last answer to count
+        self.finished: list[tuple[PortScan, SampleRow, dict[str, str]]] = []
+        self._contradicted = 0  # withdrawn values
+        self.failure: Exception | None = None  # raised by what an answer means; not raised yet
+
+    @property
+    def held_until(self) -> float | None:
+        """When the last answer has to count (monotonic seconds); None if it does already."""
+        if self._last is None:
+            return None
+        heard_at = self._last.probe.look.heard_at
+        return None if heard_at is None else heard_at + HELD_S
+
+    def _end_exchange(self, is_answered: bool) -> None:  # positional: the client calls it
+        """Hand over within the client, which has to finish its exchange whatever that raises.
+
+        If nothing came, the true answer to the question before may be late as well.
+        """
+        if self._last is None:
+            return
+        if not is_answered and self._station.now < (self.held_until or 0.0):
+            return
+        try:
+            self.hand_over()
+        except Exception as error:
+            self.failure = self.failure or error
+
+    def raise_failure(self) -> None:
+        """Raise what handing over within an exchange raised."""
+        failure, self.failure = self.failure, None
+        if failure is not None:
+            raise failure
+
+    def hand_over(self) -> None:
+        """Let the last answer count, or withdraw it, and write the rows that wait for it."""
+        last, self._last = self._last, None
+        if last is None:
+            return
+        probe, contradicted = last.probe, self._station.contradicted
+        context = self._context
+        context.answered_at = probe.look.heard_at
+        try:
+            if contradicted is not None and _is_same(contradicted, probe):
+                self._withdraw(last)
+            elif probe.observe is not None and not self._has_acted:
+                self._observe(last)
+        finally:
+            context.answered_at = None
+            self._has_acted = False
+            if self.finished:
+                self._write_rows()
+
+    def act_at_end(self) -> None:
+        """Act on the last answer although it may be contradicted yet: hot tools do not wait for
+        that, only its row does.
+        """
+        if self._last is not None and self._last.probe.observe is not None:
+            self._has_acted = True
+            self._observe(self._last)
+        self.raise_failure()
+
+    def _observe(self, last: LastAnswer) -> None:
+        probe = last.probe
+        assert probe.observe is not None
+        try:
+            probe.observe(self._context, probe.port, last.value)
+        except Exception:  # a bug: without a value in the row it does not count as read
+            probe.due -= probe.place is None
+            raise
+        if probe.shows_tool:
+            last.scan.no_tool = is_no_tool(self._context, probe.port)
+
+    def _withdraw(self, last: LastAnswer) -> None:
+        probe = last.probe
+        if probe.place is None and self._has_acted:
+            return  # it has no row that could take it back
+        for column in probe.reading.columns:
+            last.row[COLUMN[column]] = None
+        self._account(probe, CONTRADICTED, last.reasons, last.scan.alarms, sent=not self._has_acted)
+
+    def _count_contradicted(self, probe: SignalRead) -> None:
+        self._contradicted += 1
+        if self._contradicted == 1:
+            text = (
+                f"The {probe.question.title()} came twice and differed: the link or the station"
+                " repeats old answers. Such values are not recorded; the end of the run gives"
+                " their number."
+            )
+            self._context.note(
+                "read.contradicted",
+                Severity.WARNING,
+                text,
+                port=probe.port.number,
+            )
+
+    def report_contradicted(self) -> None:
+        """Report at the end how many values were withdrawn."""
+        count = self._contradicted
+        if not count:
+            return
+        text = (
+            f"{count_text(count, 'value')} {'was' if count == 1 else 'were'} not recorded, because"
+            " another answer to the same question differed."
+        )
+        self._context.note("read.contradicted", Severity.WARNING, text, value=count, raw="total")
+
+    def _void(self, scan: PortScan, row: SampleRow, reasons: dict[str, str]) -> None:
+        """Remove from a row what has no meaning because its last readings show no tool."""
+        for probe in scan.needs_tool:
+            (column,) = probe.reading.columns
+            if reasons.get(column) == PULLED:
+                probe.missed[PULLED] -= 1
+            elif row[COLUMN[column]] is None:
+                continue
+            row[COLUMN[column]] = None
+            reasons[column] = NO_TOOL
+            probe.missed[NO_TOOL] = probe.missed.get(NO_TOOL, 0) + 1
+
+    def _write_rows(self) -> None:
+        finished, self.finished = self.finished, []
+        for scan, row, reasons in finished:
+            if is_no_tool(self._context, scan.port):
+                self._void(scan, row, reasons)
+            row[_QUALITY] = quality_of(reasons) if reasons else "ok"
+            if reasons:
+                row[_REASONS] = reasons_text(reasons)
+            self._context.journal.sample(row)
+        if self._station.anomalies.pending:
+            self._context.report_anomalies()
 
     def begin(self, scan: PortScan, tick: int) -> None:
         row: SampleRow = [None] * WIDTH
@@ -336,7 +506,7 @@ class Scanner:
         if probe.dates_row:
             scan.temperature_at = scan.last_heard
         try:
-            if scan.no_tool or probe.may_be_unusable:
+            if scan.no_tool or probe.may_be_unusable or probe.is_tip:
                 why = self._why_unusable(probe, scan, value)
                 if why is not None:
                     self._leave_empty(probe, scan, value, why)
@@ -344,8 +514,8 @@ class Scanner:
             probe.failing, probe.is_known = False, True
             if probe.fill is not None:
                 probe.fill(scan.row, value)
-            if probe.observe is not None:
-                probe.observe(self._context, probe.port, value)
+            # the same as `LastAnswer(...)`, at half its cost
+            self._last = _new(LastAnswer, (probe, value, scan, scan.row, scan.reasons))
         # a bug: without a value in the row it does not count as read
         except Exception:
             probe.due -= probe.place is None or scan.row[probe.place] is None
@@ -353,12 +523,16 @@ class Scanner:
 
     def _leave_empty(self, probe: SignalRead, scan: PortScan, value: Value, why: str) -> None:
         self.unread(probe, scan, why)
+        if why == PULLED and isinstance(value, int):
+            probe.port.pulled_c = value
         if probe.reading.name == "delay_s":
             note_zero_countdown(self._context, probe.port, value)
 
     def _why_unusable(self, probe: SignalRead, scan: PortScan, value: Value) -> str | None:
         if scan.no_tool and probe.reading.name in NEEDS_A_TOOL:
-            return "no_tool"
+            return NO_TOOL
+        if probe.is_tip and fell_too_fast(probe.port, value, self._station.heard):
+            return PULLED
         return (
             unusable(probe.reading, value, scan.port, self._context)
             if probe.may_be_unusable
@@ -379,14 +553,7 @@ class Scanner:
 
         `error_text` is the error's text, for the event.
         """
-        probe.missed[why] = probe.missed.get(why, 0) + 1
-        for column in probe.reading.columns:
-            scan.reasons[column] = why
-        counter = probe.reading.counter
-        if counter is not None:
-            counter_row(self._context, probe.port, counter, None, f"<{why}>")
-        if probe.reading.name == "alarm_high" and sent:
-            scan.alarms.lost(self._context.now, why)
+        self._account(probe, why, scan.reasons, scan.alarms, sent=sent)
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; each row has its own reason
             self._context.note(
@@ -397,16 +564,35 @@ class Scanner:
                 raw=error_text or None,
             )
 
+    def _account(
+        self,
+        probe: SignalRead,
+        why: str,
+        reasons: dict[str, str],
+        alarms: AlarmWatch,
+        *,
+        sent: bool,
+    ) -> None:
+        probe.missed[why] = probe.missed.get(why, 0) + 1
+        for column in probe.reading.columns:
+            reasons[column] = why
+        if why == CONTRADICTED:
+            self._count_contradicted(probe)
+        counter = probe.reading.counter
+        if counter is not None:
+            counter_row(self._context, probe.port, counter, None, f"<{why}>")
+        if probe.reading.name == "alarm_high" and sent:
+            alarms.lost(self._context.now, why)
+
     def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
-        """Write the row: reasons of readings not requested, the times, the quality."""
+        """Finish the row: reasons of readings not requested, the times. Write it unless an answer
+        does not count yet.
+        """
         row, reasons = scan.row, scan.reasons
         for probe in scan.fast:
             if row[probe.place or 0] is None and probe.reading.name not in reasons:
                 probe.due += 1
                 self.unread(probe, scan, unasked)
-        row[_QUALITY] = quality_of(reasons) if reasons else "ok"
-        if reasons:
-            row[_REASONS] = reasons_text(reasons)
         first, last = scan.first_sent, scan.last_heard
         moment = due if scan.temperature_at is None else scan.temperature_at
         row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
@@ -415,9 +601,16 @@ class Scanner:
                 row[_LATE] = round((first - due) * 1e6)
             if last is not None:
                 row[_SCAN] = round((last - first) * 1e6)
-        self._context.journal.sample(row)
-        if self._station.anomalies.pending:
-            self._context.report_anomalies()
+        self.finished.append((scan, row, reasons))
+        answer = self._last
+        if answer is None or all(waiting is not answer.row for _, waiting, _ in self.finished):
+            self._write_rows()
+
+
+def _is_same(contradicted: Contradiction, probe: SignalRead) -> bool:
+    """Return True if the contradicted answer is the last one to `probe`."""
+    is_its_command = contradicted.command is probe.reading.command
+    return is_its_command and contradicted.heard == probe.look.heard_at
 
 
 def _sentence(probe: SignalRead, why: str) -> str:
@@ -425,6 +618,7 @@ def _sentence(probe: SignalRead, why: str) -> str:
         "timeout": "no answer came in time",
         "bcc": "the check byte of every answer was wrong",
         "format": "the reply does not fit the question",
+        PULLED: "it fell faster than any tip cools, as when the tool is pulled out of its port",
         "implausible": "the value is impossible, or changed when it was read again",
     }
     refused = f"the station refused it ({why})" if why.startswith("nak") else why

@@ -212,6 +212,7 @@ def _record(context: SessionContext) -> Steps[None]:
         yield from _sample(context, sampler)
     finally:
         sampler.account()
+        context.close_rows = sampler.close
         context.after_safe = sampler.read_flags_once_more
 
 
@@ -240,6 +241,7 @@ def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:
 def _close(context: SessionContext) -> Steps[None]:
     at_work = [port for port in context.ports.values() if is_at_work(context, port)]
     yield from _make_safe_uninterrupted(context)
+    context.close_rows()
     yield from _note_return(context)
     if context.connected and not isinstance(context.journal, NoJournal):
         yield from _read_last(context, at_work)

@@ -29,6 +29,7 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
         port.at_temperature = arrives(context, port, value)
         _note_above(context, port, value)
     port.temperatures_c["temperature_c"] = value
+    port.temperature_at, port.pulled_c = context.now, None
     if counts(context, port):
         if port.hottest_c is None or value > port.hottest_c:
             port.hottest_c = value
@@ -45,9 +46,8 @@ def arrives(context: SessionContext, port: PortState, value: int) -> bool:
     setting = None if port.at_temperature else context.set_c(port)
     if setting is None or not is_at_work(context, port):
         return False
-    return _enters(port.temperature_c, value, setting) or _stays_above(
-        context, port, value, setting
-    )
+    before = None if port.temperature_at is None else port.temperature_c
+    return _enters(before, value, setting) or _stays_above(context, port, value, setting)
 
 
 def _enters(before: int | None, value: int, setting: float) -> bool:
@@ -195,6 +195,7 @@ def _tool(context: SessionContext, port: PortState, value: Value) -> None:
     if before == value:
         return
     port.at_temperature, port.found_above, port.tool_is_new = False, None, True
+    port.temperature_at = port.pulled_c = None  # the last temperature was another tool's
     text = (
         f"Port {port.number}: the tool changed from {context.tool_text(before)} to"
         f" {context.tool_text(value)}."

@@ -54,7 +54,7 @@ STARVED_ALL_S = 2.0
 STEPS_S = (3600.0, -3600.0, 2.5, -1.5, 7200.0, -7200.0)
 STEP_EVERY_S, GUARD_EVERY_S, LOOK_S = 60.0, 150.0, 2.0
 GUARD_AGAIN_S = 6.0
-MOST_GUARDS = 15  # below the number after which a run does without
+MOST_GUARDS = 15
 MOST_GROWTH = 0.10
 MOST_GROWTH_MB = 12.0
 # that may be open in one half more than in the other: parts that are sealed, ports that are opened

@@ -11,6 +11,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import UTC
 from pathlib import Path
 
 from jbclog.app.batch.executor import BatchExecutor, NullObserver, Timing
@@ -68,7 +69,7 @@ class World:
     watch: Callable[[str], None] = lambda name: None
 
     def __post_init__(self) -> None:
-        due = due_times(in_turn(self.turns), self.now, Utc())
+        due = due_times(in_turn(self.turns), self.now, UTC)
         self.disk.append(Entry(iso(self.now), EntryKind.BEGIN, "", asked="night.toml"))
         for turn in self.turns:
             moment = due.get(turn.name)
@@ -140,23 +141,6 @@ class Whole(BatchExecutor):
         code = super().work()
         self.finish()
         return code
-
-
-class Utc:
-    """A zone without summer time."""
-
-    @staticmethod
-    def utc(wall: object) -> float:
-        from datetime import UTC, datetime
-
-        assert isinstance(wall, datetime)
-        return wall.replace(tzinfo=UTC).timestamp()
-
-    @staticmethod
-    def wall(utc_s: float) -> object:
-        from datetime import UTC, datetime
-
-        return datetime.fromtimestamp(utc_s, UTC).replace(tzinfo=None)
 
 
 class Memory(Journal):

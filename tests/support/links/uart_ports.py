@@ -1,8 +1,8 @@
-"""Ports with a line format and real bits between both ends, in memory, on a clock that jumps.
+"""Ports with a line format at both ends, in memory, on a clock that jumps.
 
-``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of
-the sender's bits (`jbclog.sim.links`), so a client at another rate or parity hears and says
-garbage; ``access_to({url: cable})`` is what `jbclog.app.discovery` opens ports with.
+``Cable(far_end, line)`` is a far end that speaks at `line`. A client at another rate or parity is
+not heard, and hears junk at another rate (`jbclog.sim.links`); ``access_to({url: cable})`` is what
+`jbclog.app.discovery` opens ports with.
 """
 
 from __future__ import annotations

@@ -29,6 +29,8 @@ ALARMS = {
     "end": "and no later than this; null: it did not end",
     "end_reason": "why it ended",
     "seconds": "from `onset` to `end`",
+    "seconds_least": "without its unread time; null where all of it was read",
+    "seconds_most": "with the unread time before `onset`; null where all of it was read",
     "peak_c": "highest or lowest temperature",
     "limit_c": "limit",
     "delay_s": "delay of the alarm",

@@ -75,7 +75,7 @@ MEANINGS: Mapping[str, str] = {
     "Fact.by": "who",
     "Fact.line": "production line",
     "Fact.station": "station",
-    "Fact.task": "task of the tasks file, or `counters-reset`, `station-replaced`",
+    "Fact.task": "task of the tasks file, or `counters-reset`, `counters-rolled-over`, `station-replaced`",
     "Fact.port": "port; null: all of them",
     "Fact.part": "number of the new tip or part",
     "Fact.text": "note",

@@ -122,7 +122,9 @@ QUALITY: Mapping[str, str] = {
     "format": "no answer to this question",
     "nak": "refused; `reasons` has the number (`nak3`)",
     "implausible": "an impossible value, or another value when read again",
-    "no_tool": "no tool in the port",
+    "contradicted": "another answer to the same question came, and differed",
+    "pulled": "the tip temperature fell faster than any tip cools: its tool is pulled out",
+    "no_tool": "no tool in the port, as this row or one before shows",
     "skipped": "the tick was too late",
     "ok": "every due value was read",
 }

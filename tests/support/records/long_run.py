@@ -24,6 +24,7 @@ T0_US = 1_790_000_000_000_000
 RECORD_HZ = 10.0
 GROUP = 10_000
 PAUSE_S = 6.0
+LATE_US, FIRST_LATE_US, SCAN_US = 44_000, 60_000, 4000
 
 
 @cache
@@ -35,8 +36,8 @@ def record_of_ten_minutes() -> dict[str, np.ndarray[tuple[int], np.dtype[np.floa
 
 
 class LongRun(Run):
-    """`seconds` of a station at `hz`; `is_free`: with ``--rate max``, its rows some milliseconds
-    beside the grid.
+    """`seconds` of a station at `hz`, its answers some milliseconds late, the first one more;
+    `is_free`: with ``--rate max``, its rows some milliseconds beside the grid.
     """
 
     def __init__(
@@ -92,10 +93,14 @@ class LongRun(Run):
         place = np.round(ticks * RECORD_HZ / self.hz).astype(np.int64)
         # one heat-up
         place = np.where(place < length, place, length // 2 + (place - length) % (length // 2))
+        beside = 3000 * (ticks % 7)
+        late_us = np.where(ticks == 0, FIRST_LATE_US, LATE_US) + beside // 6
         known: dict[str, object] = {name: column[place] for name, column in record.items()}
         known |= {
             "tick": ticks,
-            "time": (times + 3000 * (ticks % 7) * self.is_free).astype(np.int64),
+            "late_us": late_us,
+            "scan_us": np.full(len(ticks), SCAN_US),
+            "time": (times + (beside if self.is_free else late_us + SCAN_US / 2)).astype(np.int64),
         }
         known |= {
             "station": ["dde-1"] * len(ticks),

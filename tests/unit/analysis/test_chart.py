@@ -212,6 +212,26 @@ def test_a_port_whose_joints_are_not_known_is_named_with_the_reason(
     assert series_of_run(open_run(home), "recovery_s") == []
 
 
+def test_a_port_whose_number_of_joints_is_not_known_has_no_chart_of_their_dwell(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    why = "Between 12 and 24 were found."
+    rows = [("joints", 24, why), ("power_mean_permille", 900, None)]
+    metrics = pd.DataFrame(
+        [
+            {"station": "dde-1", "port": 1, "metric": name, "n": n, "why": why}
+            for name, n, why in rows
+        ]
+    )
+    listed = joints([np.nan] * 24).assign(recovery_s=pd.array([1.5] * 24, dtype="Float64"))
+    monkeypatch.setattr(Run, "joints", lambda *_: listed)
+    monkeypatch.setattr(Run, "metrics", lambda *_: metrics)
+    (series,) = series_of_run(open_run(home), "dwell_s")
+    assert "between 12 and 24 were found" in " ".join(lines(charted(series)))
+    (series,) = series_of_run(open_run(home), "recovery_s")
+    assert len(series.values) == 24
+
+
 @pytest.mark.parametrize(
     ("count", "text"), [(1, "There is 1 day with alarms"), (0, "There are 0 days with alarms")]
 )

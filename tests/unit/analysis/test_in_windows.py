@@ -103,24 +103,26 @@ def test_values_are_the_same_as_they_are_and_as_they_are_counted(
     )
 
 
-def test_a_joint_has_the_time_of_the_row_next_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("is_free", [False, True])
+def test_a_joint_has_the_time_of_the_row_next_to_it(
+    is_free: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
-    run = LongRun(1500.0, 10.0, is_free=True, group=999)
+    run = LongRun(1500.0, 10.0, is_free=is_free, group=999)
     joints = joints_and_metrics(run)[0]
     rows = [group["time"].cast("int64").to_numpy() for group in run.groups("samples", ["time"])]
-    seconds = (np.concatenate(rows) - rows[0][0]) / 1e6
+    seconds = (np.concatenate(rows) - (run.manifest.t0_utc_us or 0)) / 1e6
     for name in ("start", "end"):
         place = np.searchsorted(seconds, joints[f"{name}_s"].to_numpy() - 1e-5)
         assert (joints[name].cast("int64").to_numpy() == np.concatenate(rows)[place]).all()
 
 
-@pytest.mark.parametrize("is_free", [False, True])
-def test_a_sweep_reads_the_times_of_rows_only_where_there_is_no_grid(
-    is_free: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_sweep_reads_the_motor_only_where_there_is_a_feeder(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """And the motor only where there is a feeder: a week is decoded four times."""
+    """A week is decoded four times."""
     monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
-    run, asked = LongRun(600.0, 10.0, is_free=is_free), list[list[str]]()
+    run, asked = LongRun(600.0, 10.0), list[list[str]]()
     groups = run.groups
 
     def noted(table: str, columns: list[str], **how: Any) -> Iterator[pa.Table]:
@@ -129,9 +131,8 @@ def test_a_sweep_reads_the_times_of_rows_only_where_there_is_no_grid(
 
     monkeypatch.setattr(run, "groups", noted)
     joints_and_metrics(run)
-    spared = {"motor"} if is_free else {"motor", "time"}
     sweeps = [columns for columns in asked if "temperature_c" in columns]
-    assert [set(COLUMNS) - set(columns) for columns in sweeps] == 4 * [spared]
+    assert [set(COLUMNS) - set(columns) for columns in sweeps] == 4 * [{"motor"}]
 
 
 def test_of_a_long_run_a_model_s_pieces_are_read_and_nothing_between_them(
@@ -175,7 +176,7 @@ def test_of_a_run_that_is_known_to_be_long_no_rows_are_kept(
     run = LongRun(600.0, 10.0, group=500)
     run.stations[0].first_tick, run.stations[0].last_tick = 0, last_tick
     seen, alive = list[weakref.ref[Floats]](), list[int]()
-    for _, piece in run_metrics._reader(run, run.stations)._pieces():
+    for _, piece in run_metrics.port_reader(run, run.stations)._pieces():
         seen.append(weakref.ref(piece.rows.temperature))
         alive.append(sum(one() is not None for one in seen))
     assert len(alive) == 12

@@ -34,8 +34,9 @@ def said(*options: str, access: PortAccess | None = None) -> tuple[int, list[str
 def test_a_machine_where_everything_is_fine(place: Path) -> None:
     code, lines = said()
     assert code == 0
-    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 3
-    assert lines[2:] == ["fine     USB: no USB serial port is connected", "no findings"]
+    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 4
+    assert lines[2] == "fine     open leases: they can be listed"
+    assert lines[3:] == ["fine     USB: no USB serial port is connected", "no findings"]
     assert sorted(path.name for path in place.iterdir()) == ["line.toml"]
 
 
@@ -44,7 +45,7 @@ def test_a_line_whose_station_answers(place: Path) -> None:
         "--line", "line.toml", access=access_to({"/dev/ttyJBC": station_cable("dde")})
     )
     assert code == 0
-    assert lines[2].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
+    assert lines[3].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
 
 
 def test_each_finding_has_its_step(place: Path) -> None:
@@ -52,10 +53,10 @@ def test_each_finding_has_its_step(place: Path) -> None:
         "--line", "line.toml", access=access_to({"/dev/ttyJBC": Cable(Silence(), LineFormat())})
     )
     assert code == 1
-    assert lines[2].startswith(
+    assert lines[3].startswith(
         "FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1"
     )
-    assert lines[3].startswith("  step   check that the station is on")
+    assert lines[4].startswith("  step   check that the station is on")
     assert lines[-1] == "1 finding"
 
 
@@ -64,8 +65,13 @@ def test_json(place: Path) -> None:
     told = json.loads("\n".join(lines))
     assert code == 1
     assert told["fine"] is False
-    assert [one["kind"] for one in told["looked"]] == ["disk", "clock", "port.missing"]
-    assert [one["step"] is None for one in told["looked"]] == [True, True, False]
+    assert [one["kind"] for one in told["looked"]] == [
+        "disk",
+        "clock",
+        "guard.list",
+        "port.missing",
+    ]
+    assert [one["step"] is None for one in told["looked"]] == [True, True, True, False]
 
 
 def test_a_wrong_line_file_is_wrong_usage(place: Path) -> None:

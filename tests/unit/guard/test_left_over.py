@@ -9,11 +9,9 @@ import os
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from jbclog.core.foreign import files
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import is_held
 from jbclog.guard import lease, open_leases
@@ -163,55 +161,21 @@ def test_a_run_whose_lock_is_no_file_or_may_not_be_read_keeps_nobody(
     assert left.text.endswith("Make them safe with `jbclog safe`, then remove that file.")
 
 
-@pytest.fixture
-def mount(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A network mount that hangs; of the runs that are there only `run` is made safe."""
-    mount = tmp_path / "server"
-    mount.mkdir()
-    (tmp_path / "mountinfo").write_text(f"37 36 0:45 / {mount} rw - nfs4 server:/runs rw\n")
-    monkeypatch.setattr(files, "MOUNTS", tmp_path / "mountinfo")
-    monkeypatch.setattr(files, "LOOK", "import time; time.sleep(60)")
-    monkeypatch.setattr(files, "ANSWERS_S", 0.3)
-    monkeypatch.setattr(open_leases, "_settle", lambda folder, *_: LeftOver(True, folder.name))
-    return mount
-
-
-def not_known(away: Path, name: str) -> LeftOver:
-    why = f"{away} does not answer within 0.3 s: its network mount hangs"
-    return LeftOver(
-        False,
-        f"{why}: whether run {name} left tools hot is not known. Make them safe with `jbclog"
-        " safe`.",
-    )
-
-
-def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
-    run: Path, mount: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_lease_whose_folder_is_not_there_is_named_at_each_start_and_hides_no_other(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each folder of runs is asked once; what of it is not known does not hide the others."""
-    for name in ("a", "b"):
-        (mount / name).mkdir()
-        write_leases(mount / name, [LEASE])
-    asked, ask = [], files._ask
-
-    def counted(folder: Path) -> None:
-        asked.append(folder)
-        ask(folder)
-
-    monkeypatch.setattr(files, "_ask", counted)
-    monkeypatch.setattr(files, "time", SimpleNamespace(monotonic=lambda: 0.0))  # in one minute
-    assert settle(run.parent, [URL], nobody) == [
-        LeftOver(True, "run"),
-        not_known(mount, "a"),
-        not_known(mount, "b"),
-    ]
-    assert asked == [mount]
-
-
-def test_so_is_a_link_among_the_runs_that_leads_to_one(run: Path, mount: Path) -> None:
-    link = run.parent / "linked"
-    link.symlink_to(mount / "a")
-    assert settle(run.parent, [URL], nobody) == [LeftOver(True, "run"), not_known(mount, "linked")]
+    monkeypatch.setattr(open_leases, "_settle", lambda folder, *_: LeftOver(True, folder.name))
+    away = tmp_path / "disk" / "a"
+    away.mkdir(parents=True)
+    write_leases(away, [LEASE])
+    away.parent.rename(tmp_path / "elsewhere")
+    for _ in range(2):
+        settled, not_known = settle(run.parent, [URL], nobody)
+        assert (settled, not_known.is_safe) == (LeftOver(True, "run"), False)
+        assert not_known.text.startswith(f"{away} is not there, and its disk may not be mounted")
+        assert not_known.text.endswith(
+            "whether run a left tools hot is not known. Make them safe with `jbclog safe`."
+        )
 
 
 def test_leases_below_a_folder_are_found_also_behind_a_link(run: Path, tmp_path: Path) -> None:

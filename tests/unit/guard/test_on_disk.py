@@ -16,7 +16,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -186,78 +185,51 @@ def test_open_leases_are_found_wherever_their_runs_lie(
     assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0
     write_leases(folders[0], [])
     assert registered_runs() == (folders[1:], [])
-    shutil.rmtree(folders[1])
+    write_leases(folders[1], [])
     assert registered_runs() == ([], [])
     assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
 
 
-def test_a_run_whose_disk_is_not_mounted_is_named_until_it_is_mounted_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("gone", ["run", "disk"])
+def test_a_lease_whose_folder_is_not_there_is_named_until_its_link_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gone: str
 ) -> None:
-    """What was put on the disk is moved away and back; the empty mount point belongs to another
-    file system.
-    """
+    """Removed by a person or on a disk that is not mounted: no program can know which."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    disk, elsewhere = tmp_path / "disk", tmp_path / "elsewhere"
-    folder = disk / "runs" / "run"
+    folder, elsewhere = tmp_path / "disk" / "run", tmp_path / "elsewhere"
     folder.mkdir(parents=True)
-
-    def file_system(place: Path) -> str:
-        return "d15c" if place.is_relative_to(disk) and (disk / "runs").exists() else "4007"
-
-    monkeypatch.setattr(leases, "_file_system", file_system)
     write_leases(folder, [lease("a")])
     (link,) = (tmp_path / "state" / "jbclog" / "open-leases").iterdir()
-    (disk / "runs").rename(elsewhere)
-    (away,) = registered_runs().away
-    assert away[0] == folder
-    assert away[1] == (
+    moved = folder if gone == "run" else folder.parent
+    moved.rename(elsewhere)
+    away = (
+        folder,
         f"{folder} is not there, and its disk may not be mounted (if you removed it, remove {link},"
-        " too)"
+        " too)",
     )
     assert registered_runs() == ([], [away])
-    disk.rmdir()  # as the mount point of a removable disk
     assert registered_runs() == ([], [away])
-    disk.mkdir()
-    elsewhere.rename(disk / "runs")
+    elsewhere.rename(moved)
     assert registered_runs() == ([folder], [])
-    shutil.rmtree(folder)
-    assert registered_runs() == ([], [])
-    assert not link.is_symlink()
-
-
-def test_a_run_is_forgotten_with_the_folder_that_held_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    folder = tmp_path / "out" / "run"
-    folder.mkdir(parents=True)
-    write_leases(folder, [lease("a")])
-    shutil.rmtree(folder.parent)
+    shutil.rmtree(moved)
+    folder.parent.mkdir(exist_ok=True)
+    folder.touch()  # something else of that name
+    assert registered_runs() == ([], [away])
+    link.unlink()
     assert registered_runs() == ([], [])
 
 
-def test_a_lease_is_closed_also_where_its_link_has_another_name_now(
+def test_a_closed_lease_leaves_no_link_whatever_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     registry, folder = tmp_path / "state" / "jbclog" / "open-leases", tmp_path / "line.1"
     folder.mkdir()
     write_leases(folder, [lease("a")])
-    (link,) = registry.iterdir()
-    link.with_suffix("").symlink_to(folder)  # of an earlier version
-    monkeypatch.setattr(leases, "_file_system", lambda _: "0")  # as after a restart
-    write_leases(folder, [lease("a"), lease("b")])
-    assert registered_runs() == ([folder] * 3, [])
+    (registry / "by hand").symlink_to(folder)
+    assert registered_runs() == ([folder] * 2, [])
     write_leases(folder, [])
     assert list(registry.iterdir()) == []
-
-
-def test_a_file_system_without_a_number_is_known_by_its_device(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_fsid=0))
-    assert leases._file_system(tmp_path) == f"{tmp_path.stat().st_dev:x}"
 
 
 def test_one_that_cannot_be_looked_at_is_told_and_hides_no_other(
@@ -280,6 +252,7 @@ def test_without_a_place_for_that_a_lease_is_kept_all_the_same(
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / state) if state == "file" else state)
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none"))
     write_leases(tmp_path, [lease("a")])
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
     assert registered_runs() == ([], [])

@@ -252,24 +252,16 @@ def test_what_cannot_be_written_is_said(path: Path, tmp_path: Path) -> None:
         read_book(path)
 
 
-# -- ledgers of nothing but faults: bounded in memory, time and words ------------------------------
+# -- ledgers of nothing but faults -----------------------------------------------------------------
 
 
-def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("jbclog.maintenance.ledger.MOST_WRONG", 300)
+def test_of_many_wrong_lines_the_first_are_named_and_the_others_counted(path: Path) -> None:
     (kept,) = add(path, [SEEN])
-    path.write_bytes((written(kept) + b"\n") * 5000)
+    path.write_bytes((written(kept) + b"\n") * 500)
     book = read_book(path)
-    assert (len(book.wrong), len(book.entries), book.read_to) == (300, 301, 301)
-    assert len(book.sentences) == 102
-    assert book.sentences[-2].endswith("line 102 is wrong, and 199 later lines with it")
-    assert book.sentences[-1].endswith(
-        "was not read beyond line 301, because 300 faults were found up to there"
-    )
-    with pytest.raises(RecordError, match=r"not read beyond line 301.*Nothing was added"):
-        book.expect_ledger()
+    assert (len(book.wrong), len(book.entries)) == (499, 500)
+    assert len(book.sentences) == 101
+    assert book.sentences[-1].endswith("line 102 is wrong, and 398 later lines with it")
 
 
 def test_behind_a_line_that_is_too_long_the_ledger_goes_on(path: Path) -> None:

@@ -17,6 +17,7 @@ from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import USUAL, Finding, FleetAudit, StationAudit, exit_code, findings
 from jbclog.report.audit.files import COLUMNS, SCHEMA, plain_audit, sheet_of
+from jbclog.report.audit.overview import overview_of
 from support.faults.hostile_names import HOSTILE
 from support.fleets import fleets
 
@@ -89,23 +90,26 @@ def test_what_is_not_named_does_not_count(named: tuple[Finding, ...], code: int)
 
 
 @pytest.mark.parametrize(("trouble", "code"), [([], 0), (["a run cannot be read"], 4)])
-def test_a_notice_is_printed_and_changes_no_exit_code(
+def test_trouble_is_printed_and_is_exit_code_4(
     trouble: list[str], code: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    end = End(fleets.fleet(FINE), trouble, USUAL, notices=["a copy does not count"])
+    end = End(fleets.fleet(FINE), trouble, USUAL)
     assert end.code == code
     end.show(as_json=False)
-    assert capsys.readouterr().err.splitlines() == [
-        *(f"error: {text}" for text in trouble),
-        "note: a copy does not count",
-    ]
+    assert capsys.readouterr().err.splitlines() == [f"error: {text}" for text in trouble]
     end.show(as_json=True)
     told = json.loads(capsys.readouterr().out)
-    assert (told["trouble"], told["notices"], told["exit_code"]) == (
-        trouble,
-        ["a copy does not count"],
-        code,
-    )
+    assert (told["trouble"], told["exit_code"]) == (trouble, code)
+
+
+def test_a_question_is_printed_first_and_fails(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = "port 1 work_h 900, now 3: reset, exchanged, or rolled over between A and B."
+    end = End(fleets.fleet(replace(FINE, question=asked)), [], USUAL)
+    assert end.code == 1
+    end.show(as_json=False)
+    assert "suspect" in capsys.readouterr().out.partition(asked)[0]
+    assert asked in sheet_of(end.audit)
+    assert f"{FINE.station}: {asked}" in overview_of(end.audit).reasons
 
 
 # -- CSV -------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from jbclog.maintenance.counter_totals.observed import Entry, Observation, Stand
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import DifferenceKind
 from jbclog.maintenance.due import State
-from jbclog.maintenance.fleet import FleetAudit, StationAudit
+from jbclog.maintenance.fleet import Finding, FleetAudit, StationAudit, findings
 from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import add, read_book
 from support.fleets.looks import at, seen, told
@@ -80,34 +80,68 @@ def test_one_that_was_never_seen_has_a_row(ledger: Path) -> None:
     assert (one.audits, one.meters, one.identity) == (0, (), None)
 
 
-def test_a_reset_is_told_and_a_counter_that_was_never_read_too(ledger: Path) -> None:
-    now = seen(4 * WEEK, {"plugged_h": 30, "work_h": 20, "sleep_cycles": None})
-    one = row(ledger, [*LOOKS, now], now)
-    assert "port 1, work_h: 3060, now 20: reset." in one.notes[1]
-    unread = one.meters[2]
+def test_a_counter_that_was_never_read_is_not_known(ledger: Path) -> None:
+    now = seen(4 * WEEK, {"plugged_h": 5160, "work_h": 3080, "sleep_cycles": None})
+    unread = row(ledger, [*LOOKS, now], now).meters[2]
     assert unread.read is not None
     assert (unread.read.standing, unread.counter_total.is_known, unread.last) == (
         Standing.UNREAD,
         False,
         None,
     )
-    assert one.doubts == ()
+
+
+FALL = seen(4 * WEEK, {"plugged_h": 30, "work_h": 20})
+AFTER = seen(4 * WEEK + 26, {"plugged_h": 55, "work_h": 40})  # more than since a reset
+QUESTION = (
+    "port 1 plugged_h 5120, now 30; port 1 work_h 3060, now 20: reset, exchanged, or rolled over"
+    " between 2026-01-26 05:00 and 2026-02-02 05:00. Record which: `jbclog maintenance done"
+    f" --station dde-1 --at {FALL.time} --task` counters-reset, station-replaced or"
+    " counters-rolled-over"
+)
+
+
+def test_a_fall_is_one_question_and_asked_once(ledger: Path) -> None:
+    one = row(ledger, [*LOOKS, FALL], FALL)
+    assert (one.question, one.notes, one.doubts) == (QUESTION, (), ())
+    assert Finding.SUSPECT in findings(one)
+    after = row(ledger, [AFTER], AFTER)
+    assert (after.question, after.notes, after.doubts) == ("", (), ())
+    totals = {meter.counter: meter.counter_total for meter in after.meters}
+    assert totals["work_h"].total == Interval(59 + 19, pytest.approx(61 + WEEK * 1.01 + 21))
+    assert [mark.kind for mark in totals["work_h"].marks] == [DifferenceKind.FELL]
+
+
+@pytest.mark.parametrize(
+    ("task", "used"),
+    [
+        ("counters-reset", Interval(59 + 40, pytest.approx(61 + 41 + WEEK * 1.01 - 30))),
+        ("station-replaced", Interval(19, 21)),
+    ],
+)
+def test_the_answer_narrows_the_bounds(ledger: Path, task: str, used: Interval) -> None:
+    one = row(ledger, [*LOOKS, FALL, told(4 * WEEK, task), AFTER], AFTER)
+    assert {meter.counter: meter.counter_total.total for meter in one.meters}["work_h"] == used
+
+
+def test_a_question_names_three_counters(ledger: Path) -> None:
+    names = ("plugged_h", "work_h", "sleep_h", "hibernation_h", "no_tool_h")
+    looks = [seen(week * WEEK, dict.fromkeys(names, shown)) for week, shown in ((0, 900), (1, 5))]
+    one = row(ledger, looks, looks[-1])
+    assert one.question.count(", now 5") == 3
+    assert "; and 2 more: reset, exchanged, or rolled over" in one.question
 
 
 def test_what_is_in_doubt_is_a_doubt_of_this_audit_only(ledger: Path) -> None:
-    strange = seen(4 * WEEK, {"plugged_h": 5160, "work_h": 3900})
-    one = row(ledger, [*LOOKS, strange], strange)
-    assert {doubt.kind for doubt in one.doubts} == {
-        DifferenceKind.IMPOSSIBLE,
-        DifferenceKind.SUSPECT,
-    }
-    after = seen(5 * WEEK, {"plugged_h": 5200, "work_h": 3100})
+    strange = seen(4 * WEEK, {"plugged_h": 5160, "work_h": 3080, "sleep_cycles": 99_999})
+    first = seen(3.5 * WEEK, {"plugged_h": 5140, "work_h": 3070, "sleep_cycles": 99_990})
+    one = row(ledger, [*LOOKS, first, strange], strange)
+    assert [doubt.rule for doubt in one.doubts] == ["stands_at_top"]
+    after = seen(5 * WEEK, {"plugged_h": 5200, "work_h": 3100, "sleep_cycles": None})
     later = row(ledger, [after], after)
-    assert later.doubts == ()
-    assert {meter.counter: meter.counter_total.total for meter in later.meters} == {
-        "plugged_h": Interval(199, 201),
-        "work_h": Interval(99, 101),
-    }
+    assert later.question == ""
+    totals = {meter.counter: meter.counter_total.total for meter in later.meters}
+    assert totals["work_h"] == Interval(99, 101)
 
 
 def test_stations_of_one_name_on_two_lines_are_two(ledger: Path) -> None:

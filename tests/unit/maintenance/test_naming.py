@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
 from jbclog.maintenance.counter_totals.observed import Count, Fact, Observation
+from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import add, read_book
 from support.invoked import invoked
 
@@ -148,7 +150,10 @@ def test_a_tasks_file_says_which_tasks_there_are(ledger: Path, tmp_path: Path) -
     assert call(*asked, "--task", "counters-reset").exit_code == 0  # which needs no tasks file
     refused = call(*asked, "--task", "tip-change")
     assert refused.exit_code == 2
-    assert "there are counters-reset, guide-tube, station-replaced" in refused.stderr
+    assert (
+        "there are counters-reset, counters-rolled-over, guide-tube, station-replaced"
+        in refused.stderr
+    )
 
 
 def test_the_list_has_what_was_done_in_order(ledger: Path) -> None:
@@ -193,3 +198,36 @@ def test_a_ledger_that_cannot_be_written_ends_with_4(tmp_path: Path) -> None:
     ended = call("done", "-s", "dde-1", *DONE, "--ledger", "/proc/counters.jsonl", "--line", line)
     assert (ended.exit_code, ended.stdout) == (4, "")
     assert "/proc/counters.jsonl cannot be written" in ended.stderr
+
+
+# -- why a counter fell ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("task", "fell_to", "rule"),
+    [
+        ("counters-reset", 7.0, "stated_reset"),
+        ("counters-rolled-over", 7.0, "rolled_over"),
+        ("station-replaced", 7.0, "stated_replaced"),
+        ("counters-reset", 900.0, "fell"),  # more than in a day since a reset: not believed
+    ],
+)
+def test_the_command_of_the_question_records_the_answer(
+    tmp_path: Path, task: str, fell_to: float, rule: str
+) -> None:
+    ledger, later = tmp_path / "counters.jsonl", "2026-11-22T06:17:00.000+00:00"
+    looks = [
+        Observation(
+            time, time, "bench-3", "dde 1", "/dev/x", True, counts=(Count(1, "work_h", "h", value),)
+        )
+        for time, value in ((AT, 99_990.0), (later, fell_to))
+    ]
+    add(ledger, looks)
+    question = fleet_of(read_book(ledger), looks[1:], later).stations[0].question
+    command = shlex.split(question.partition("`jbclog maintenance ")[2].partition("`")[0])
+    assert command == ["done", "--station", "dde 1", "--at", later, "--task"]
+    assert task in question.partition("`jbclog")[2]
+    assert call(*command, task, "--ledger", ledger).exit_code == 0
+    (station,) = fleet_of(read_book(ledger), looks[1:], later).stations
+    assert [mark.rule for mark in station.meters[0].counter_total.marks] == [rule]
+    assert (station.question == "") == (rule != "fell")

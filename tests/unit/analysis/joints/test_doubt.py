@@ -24,6 +24,8 @@ from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
+from jbclog.analysis.run_metrics import MeasuredPort
+from jbclog.core.rows import StationFacts
 from support.plants import joint_matrix
 from support.plants.joint_matrix import Cell
 from support.plants.scripted_tip import soldered
@@ -84,13 +86,30 @@ def test_joints_that_hang_on_a_limit_have_no_number_but_a_range(faint: Series) -
         "joints_by_heat",
         "joints_not_recovered",
         "recovered_before_next_percent",
+        "joint_dwell_s",
         "joint_share_percent",
     ):
         assert measured[name].value is None, name
         assert f"Between {doubt(found).least} and {doubt(found).most} were found" in str(
             measured[name].why
         ), name
-    assert measured["joint_dwell_s"].value is not None
+    assert measured["joint_depth_c"].value is not None
+
+
+def test_listed_joints_have_no_dwell_where_their_number_is_not_known(
+    clear: Series, faint: Series
+) -> None:
+    facts = StationFacts("dde-1", "sim://", "dde", ports=[1])
+    for series, is_known in ((clear, True), (faint, False)):
+        measured = measure_port(series, "tip")
+        edges_us = np.zeros(2 * len(measured.joints), dtype=np.int64)
+        table = MeasuredPort(facts, 1, measured, edges_us).joint_table()
+        assert len(table)
+        assert table["dwell_s"].null_count == (0 if is_known else len(table))
+        if not is_known:
+            assert table["why"].null_count == 0
+            assert any("were found as limits" in text for text in table["why"].to_pylist())
+        assert table["end_s"].null_count == 0
 
 
 def test_what_noise_makes_of_a_low_limit_is_no_doubt() -> None:

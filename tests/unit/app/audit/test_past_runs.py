@@ -5,11 +5,11 @@ verified count as done.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from shutil import copytree, rmtree
+from shutil import copytree
 
 import pytest
 from pyarrow import ArrowException
@@ -24,8 +24,6 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import (
     LineFile,
     Manifest,
-    RunState,
-    read_manifest,
     write_manifest,
 )
 from jbclog.record.seal import seal_rows
@@ -152,93 +150,19 @@ def test_an_error_of_a_run_with_copies_counts_once(ledger: Ledger) -> None:
     assert ledger.audit(0) == {"port.error": 2}
 
 
-@dataclass
-class Copied:
-    """A run that was copied while it was open, went on, and was sealed."""
-
-    run: Recorded
-    copy: Path
-
-    def past(self) -> PastRuns:
-        past = past_runs(self.copy.parent, {PLACE: iso(-24)}, iso(0))
-        assert past.events[PLACE] == {"port.error": 2}
-        return past
-
-    def expect_trouble(self) -> None:
-        past, counted = self.past(), self.run.folder.name
-        assert past.notices == []
-        assert past.trouble == [
-            f"{self.copy} has the same run as {counted} (another manifest); only {counted} counts"
-        ]
-
-
-@pytest.fixture
-def copied(ledger: Ledger) -> Copied:
+def test_a_copy_with_another_manifest_is_a_trouble(ledger: Ledger) -> None:
+    """As one that was made while the run was open."""
     one = run(ledger.out, -5)
     one.say((-4, "port.error"))
     copy = copytree(one.folder, ledger.out / "0 copy")
     one.say((-3, "port.error"))
     one.end(-1)
-    return Copied(one, copy)
-
-
-def test_a_copy_that_was_made_while_the_run_was_open_is_no_trouble(copied: Copied) -> None:
-    past = copied.past()
-    assert past.trouble == []
-    assert past.notices == [
-        f"{copied.copy} is a copy of {copied.run.folder.name}, made while that run was open; it"
-        " does not count. Move it out of the folder of runs"
+    past = past_runs(ledger.out, {PLACE: iso(-24)}, iso(0))
+    assert past.events[PLACE] == {"port.error": 2}
+    assert past.trouble == [
+        f"{copy} has the same run as {one.folder.name} (another manifest); only"
+        f" {one.folder.name} counts"
     ]
-
-
-def _other_start(copy: Path) -> None:
-    write_manifest(copy, replace(read_manifest(copy), started=iso(-6)))
-
-
-def _sealed_otherwise(copy: Path) -> None:
-    write_manifest(copy, replace(read_manifest(copy), state=RunState.SEALED, verdict="ACCEPT"))
-
-
-def _without_rows(copy: Path) -> None:
-    for path in copy.glob("live*"):
-        path.unlink()
-
-
-def _with_damaged_rows(copy: Path) -> None:
-    for path in copy.glob("live.sqlite*"):
-        path.write_bytes(b"no store" * 1000)
-
-
-@pytest.mark.parametrize(
-    "change", [_other_start, _sealed_otherwise, _without_rows, _with_damaged_rows]
-)
-def test_a_copy_that_does_not_prove_that_is_a_trouble(
-    copied: Copied, change: Callable[[Path], None]
-) -> None:
-    change(copied.copy)
-    copied.expect_trouble()
-
-
-def test_a_copy_of_a_run_whose_events_were_changed_since_is_a_trouble(
-    copied: Copied, tmp_path: Path
-) -> None:
-    """Sealed anew, with hashes that are right."""
-    (tmp_path / "forged").mkdir()
-    forged = run(tmp_path / "forged", -5)
-    forged.say((-3.5, "port.error"), (-3, "port.error"))
-    forged.end(-1)
-    rmtree(copied.run.folder)
-    copytree(forged.folder, copied.run.folder)
-    copied.expect_trouble()
-
-
-def test_a_copy_of_a_run_that_goes_on_is_a_trouble_if_it_differs(ledger: Ledger) -> None:
-    """Nothing is proved before the run is sealed."""
-    one = run(ledger.out, -5)
-    one.say((-4, "port.error"), (-3, "port.error"))
-    copy = copytree(one.folder, ledger.out / "0 copy")
-    write_manifest(copy, replace(one.manifest, guard="guarded"))
-    Copied(one, copy).expect_trouble()
 
 
 def test_a_run_over_several_audits_counts_part_by_part(ledger: Ledger) -> None:

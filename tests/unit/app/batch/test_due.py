@@ -11,33 +11,22 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from jbclog.config.job_order import At, SystemZone, Turn, Zone, due, due_times, read_at
+from jbclog.config.job_order import At, Turn, due, due_times, read_at
 from support.faults.batch_world import Fate, World
 
 ROME = "Europe/Rome"  # in 2026: 02:00 becomes 03:00 on 29 March, 03:00 becomes 02:00 on 25 October
 
 
-class NamedZone:
-    """Local time of a place, by the zone's own table."""
-
-    def __init__(self, name: str) -> None:
-        self._zone = ZoneInfo(name)
-
-    def utc(self, wall: datetime) -> float:
-        return wall.replace(tzinfo=self._zone).timestamp()
-
-    def wall(self, utc_s: float) -> datetime:
-        return datetime.fromtimestamp(utc_s, self._zone).replace(tzinfo=None)
-
-
 @pytest.fixture(params=["by name", "of the system"])
-def rome(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Zone]:
+def rome(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[ZoneInfo | None]:
     if request.param == "by name":
-        yield NamedZone(ROME)
+        yield ZoneInfo(ROME)
         return
     monkeypatch.setenv("TZ", ROME)
     time.tzset()
-    yield SystemZone()
+    yield None
     monkeypatch.undo()
     time.tzset()
 
@@ -52,7 +41,7 @@ def at(text: str) -> At:
     return found
 
 
-def begins(rome: Zone, wanted: str, started: str) -> str | None:
+def begins(rome: ZoneInfo | None, wanted: str, started: str) -> str | None:
     """When a job at `wanted` (local) begins, in UTC, if its batch is started at `started` (UTC)."""
     moment = due_times([Turn("job", frozenset(), at=at(wanted))], utc(started), rome)["job"]
     return (
@@ -78,7 +67,7 @@ def begins(rome: Zone, wanted: str, started: str) -> str | None:
     ],
 )
 def test_the_next_time_that_the_clock_shows_it(
-    rome: Zone, wanted: str, started: str, utc_time: str | None
+    rome: ZoneInfo | None, wanted: str, started: str, utc_time: str | None
 ) -> None:
     assert begins(rome, wanted, started) == utc_time
 
@@ -104,12 +93,12 @@ def test_the_next_time_that_the_clock_shows_it(
     ],
 )
 def test_the_two_nights_of_summer_time(
-    rome: Zone, wanted: str, started: str, utc_time: str
+    rome: ZoneInfo | None, wanted: str, started: str, utc_time: str
 ) -> None:
     assert begins(rome, wanted, started) == utc_time
 
 
-def test_jobs_behind_each_other_are_a_timetable_also_across_midnight(rome: Zone) -> None:
+def test_jobs_behind_each_other_are_a_timetable_also_across_midnight(rome: ZoneInfo | None) -> None:
     turns = [
         Turn("evening", frozenset({"s1"}), at=at("22:00")),
         Turn("night", frozenset({"s1"}), at=at("02:00")),
@@ -140,7 +129,7 @@ def test_what_is_no_time(text: str) -> None:
 
 
 def test_a_date_that_is_over_is_due_never() -> None:
-    assert due(at("2020-01-01 00:00"), utc("2026-01-01 00:00"), SystemZone()) is None
+    assert due(at("2020-01-01 00:00"), utc("2026-01-01 00:00")) is None
 
 
 def test_gone_on_with_after_midnight_a_job_keeps_its_moment() -> None:

@@ -27,7 +27,6 @@ from jbclog.app.batch.resume import PreparedBatch, prepare
 from jbclog.app.batch.single_batch import hold
 from jbclog.app.batch.state import Entry, EntryKind, State, batch_state
 from jbclog.app.batch.store import NAME, OLD_JOURNAL, BatchStore
-from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
 from jbclog.core.foreign.database import Database
@@ -71,7 +70,7 @@ class Bench:
         return plan_batch(load_jobs(self.file), self.out)
 
     def take(self, *, resume: bool = False, anew: bool = False) -> PreparedBatch:
-        return prepare(self.plan(), self.out, MEANS, SystemZone(), resume=resume, anew=anew)
+        return prepare(self.plan(), self.out, MEANS, resume=resume, anew=anew)
 
     def change(self, before: str, after: str) -> None:
         assert before in TEXT
