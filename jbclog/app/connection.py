@@ -20,7 +20,7 @@ from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import Line, load_line
 from jbclog.core.clock import utc_text
 from jbclog.core.durable_files import write_new
-from jbclog.core.errors import PortBusy, RecordError, UsageError
+from jbclog.core.errors import PortBusy, RecordError, StartRefused, UsageError
 from jbclog.core.io_requests import Steps
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
@@ -29,6 +29,7 @@ from jbclog.session.manual.contact import Target
 from jbclog.session.manual.danger import Snapshot
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import OnlyReads, ReadOnly
+from jbclog.transport.system_ports import sharers_text
 
 T = TypeVar("T")
 # suffixes for further snapshots within the same second
@@ -67,7 +68,14 @@ def ask(
     """
     _refuse_during_run(target)
     only_reads = None if may_write else only_reads_for(target.family)
-    return access.run(steps, lambda: _open(target, only_reads, access))
+    try:
+        return access.run(steps, lambda: _open(target, only_reads, access))
+    except StartRefused as error:
+        sharers = sharers_text(target.url)
+        if not sharers:
+            raise
+        own = str(error).removeprefix(f"{target.name}: ")
+        raise StartRefused(f"{target.name}: {sharers}; {own}") from error
 
 
 def utc_of(moment: float, access: PortAccess = SYSTEM) -> str:

@@ -40,6 +40,7 @@ from jbclog.transport.system_ports import (
     latency_timer,
     locker_of,
     process_text,
+    processes_named,
     processes_text,
     sharers_of,
     usb_ports,
@@ -171,6 +172,12 @@ NONE_PLUGGED = "no USB serial port is connected"
 # groups of serial ports; other groups give more rights than that
 GROUPS = ("dialout", "uucp", "tty", "plugdev")
 RULES = "/etc/udev/rules.d/60-jbclog.rules"
+MODEM_MANAGER = "ModemManager"
+MODEM_RULES = "/etc/udev/rules.d/60-jbclog-no-modem.rules"
+KEEP_MODEM_MANAGER_AWAY = (
+    'keep it away from serial adapters: `echo \'SUBSYSTEM=="tty", ENV{ID_MM_PORT_IGNORE}="1"\' |'
+    f" sudo tee {MODEM_RULES} && sudo udevadm control --reload`, then plug the adapter in again"
+)
 QUICK_MS = 2  # a timer up to this costs no rate
 
 
@@ -206,7 +213,10 @@ def look_at_holder(where: str, url: str) -> Looked | None:
             f"{processes_text(sharers)} also has it open without a lock: each program gets only a"
             " part of the data"
         )
-        return ScanFinding("port.shared", where, what, "end that program")
+        step = "end that program"
+        if set(sharers) & set(processes_named(MODEM_MANAGER)):
+            step = KEEP_MODEM_MANAGER_AWAY
+        return ScanFinding("port.shared", where, what, step)
     return None
 
 
@@ -481,9 +491,22 @@ def examine(
         look_at_clock(time.time(), clock_is_kept()),
         look_at_lease_list(out),
     ]
+    looked += look_at_modem_manager()
     return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
 
 
 def _usb() -> list[Looked]:
     ports: list[Looked] = [look_at_usb_port(port) for port in usb_ports()]
     return ports or [Fine("port", "USB", NONE_PLUGGED)]
+
+
+def look_at_modem_manager() -> list[Looked]:
+    """Warn of ModemManager, which opens each new serial adapter and asks it for a modem."""
+    running = processes_named(MODEM_MANAGER)
+    if not running:
+        return []
+    what = (
+        f"{processes_text(running)} opens each serial adapter that is plugged in, and takes answers"
+        " of the station for some 30 s"
+    )
+    return [ScanFinding("port.modem_manager", "USB", what, KEEP_MODEM_MANAGER_AWAY)]

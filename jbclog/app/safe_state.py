@@ -2,8 +2,8 @@
 
 ::
 
-    runs that hold its ports -> SIGTERM, SIGKILL after 3 s -> all stations in parallel, `make_safe`
-    on each
+    runs that hold its ports -> SIGTERM, SIGKILL after 3 s -> guards at work on them try once more
+    -> all stations in parallel, `make_safe` on each
 
 A run that ends on SIGTERM makes its tools safe itself; after SIGKILL its guard does. Either way the
 result is read back: nothing else counts as safe.
@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -27,15 +28,29 @@ from typing import Final
 from jbclog.app.connection import target_of
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import Line
-from jbclog.core.errors import JbclogError, RecordError, unexpected_error_text
+from jbclog.core.errors import (
+    AnswerCorrupt,
+    AnswerTimeout,
+    JbclogError,
+    RecordError,
+    unexpected_error_text,
+)
 from jbclog.core.locks import is_held
 from jbclog.guard import open_leases
-from jbclog.guard.lease import StationLease
+from jbclog.guard.continuity import is_mixed
+from jbclog.guard.inquiry import Inquiry, Unsafe
+from jbclog.guard.lease import StationLease, families_leased
 from jbclog.protocol.commands.feeder import FeederState
 from jbclog.record.guard_actions import await_guard
 from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
 from jbclog.session.manual.contact import Target
-from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe, temperatures
+from jbclog.session.manual.safe import (
+    MadeSafe,
+    StationMadeSafe,
+    make_safe,
+    order_unanswered,
+    temperatures,
+)
 from jbclog.transport.port import Port
 
 TERM_S: Final = 3.0  # time for a run to release the line (docs/reference/commands.md, jbclog safe)
@@ -68,13 +83,20 @@ class EndedRun:
 
 
 def make_line_safe(
-    line: Line, done: Callable[[StationMadeSafe], None], access: PortAccess = SYSTEM
+    line: Line,
+    done: Callable[[StationMadeSafe], None],
+    access: PortAccess = SYSTEM,
+    guards: GuardsAtWork | None = None,
 ) -> None:
     """Put every tool of the line in its safe state, all stations in parallel; call `done` with each
-    in the line's order.
+    in the line's order. A station that one of `guards` has just tried is tried once.
     """
     found = [StationMadeSafe(target_of(line, station.name)) for station in line.stations]
-    threads = [Thread(target=_one, args=(made, access), daemon=True) for made in found]
+    reports = [None if guards is None else guards.report(made.target.url) for made in found]
+    threads = [
+        Thread(target=_one, args=(made, access, report), daemon=True)
+        for made, report in zip(found, reports, strict=True)
+    ]
     for thread in threads:
         thread.start()
     end = time.monotonic() + DONE_S
@@ -85,13 +107,26 @@ def make_line_safe(
         done(made)
 
 
-def _one(made: StationMadeSafe, access: PortAccess) -> None:
-    """Try to connect to the station for `CONNECT_S`; the result is in `made`."""
-    end = access.clock.monotonic() + CONNECT_S
+def _one(
+    made: StationMadeSafe, access: PortAccess, guard: tuple[Path, Unsafe] | None = None
+) -> None:
+    """Try to connect to the station for `CONNECT_S`, once if its guard has just done so; the result
+    is in `made`.
+    """
+    end = access.clock.monotonic() + (CONNECT_S if guard is None else 0.0)
+    _try_until(end, made, access)
+    if guard is not None and not made.is_safe:
+        folder, unsafe = guard
+        texts = [f"port {port}: {text}" if port else text for port, text in unsafe.texts.items()]
+        made.note = f"the guard of the run {folder} says: {'; '.join(texts)}"
+
+
+def _try_until(end: float, made: StationMadeSafe, access: PortAccess) -> None:
     while True:
         try:
             access.run(make_safe(made.target, made), lambda: _open(made.target, access))
         except JbclogError as error:
+            made.is_unanswered = isinstance(error.__cause__, AnswerTimeout | AnswerCorrupt)
             made.problem = (
                 f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
             )
@@ -132,6 +167,60 @@ def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_le
     return open_leases.Seen(
         made.model, states | dict.fromkeys(made.empty), made.feeder != FeederState.RUNNING
     )
+
+
+# -- stations that do not answer -------------------------------------------------------------------
+
+
+def unanswered(
+    stations: Collection[StationMadeSafe], guards: GuardsAtWork
+) -> list[StationMadeSafe]:
+    """Return the stations that may be ordered although nothing proves them: nothing usable came,
+    and no guard has ordered them, nor found another station there.
+    """
+    found = []
+    for made in stations:
+        report = guards.report(made.target.url)
+        is_settled = report is not None and bool(report[1].orders or report[1].other)
+        has_order = made.target.family is not None and bool(made.target.family.safe_states)
+        if made.is_unanswered and made.family is None and has_order and not is_settled:
+            found.append(made)
+    return found
+
+
+def why_mixed(line: Line) -> str | None:
+    """Return why no station of the line may be ordered without an answer; None if all may."""
+    families = {station.family for station in line.stations}
+    elsewhere = families_leased()
+    if not is_mixed(families, elsewhere):
+        return None
+    known = ", ".join(sorted(families | (elsewhere or set())))
+    return (
+        f"the line's stations ({known}), and those of runs that left tools hot, may take one order"
+        " differently: it would switch hot air on"
+    )
+
+
+def insist(stations: Collection[StationMadeSafe], access: PortAccess = SYSTEM) -> None:
+    """Order each station's own safe state once, without an answer, all in parallel; write it down
+    in the runs that left them hot.
+    """
+    threads = [Thread(target=_insist, args=(made, access), daemon=True) for made in stations]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + DONE_S
+    for thread in threads:
+        thread.join(max(end - time.monotonic(), 0.0))
+    for made in stations:
+        texts = {tool.port: tool.problem or "" for tool in made.tools}
+        open_leases.note_orders(made.target.url, texts, "jbclog safe --unanswered")
+
+
+def _insist(made: StationMadeSafe, access: PortAccess) -> None:
+    try:
+        access.run(order_unanswered(made.target, made), lambda: _open(made.target, access))
+    except JbclogError as error:
+        made.problem = f"{_reason(error, made.target)}; nothing was sent: switch the station off"
 
 
 # -- cooling ---------------------------------------------------------------------------------------
@@ -198,6 +287,31 @@ def _look(made: StationMadeSafe, below_c: float, access: PortAccess) -> None:
         tool.is_cold = tool.temperature_c is not None and tool.temperature_c < below_c
 
 
+# -- guards at work --------------------------------------------------------------------------------
+
+
+class GuardsAtWork:
+    """The guards that are making tools of the line safe; they open no port until `close`."""
+
+    def __init__(self, line: Line, report: Report) -> None:
+        urls = [station.url for station in line.stations]
+        self._asked = [Inquiry(folder) for folder in open_leases.unclosed(None, urls)]
+        for folder in (asked.folder for asked in self._asked if asked.is_at_work):
+            report(f"the guard of the run {folder} is at work on this line; it tries again first")
+        self._reports = [
+            (asked.folder, unsafe) for asked in self._asked for unsafe in asked.answer()
+        ]
+
+    def report(self, url: str) -> tuple[Path, Unsafe] | None:
+        """Return the run, and what its guard could not make safe at this port."""
+        return next((report for report in self._reports if report[1].is_at(url)), None)
+
+    def close(self) -> None:
+        """Let the guards continue."""
+        for asked in self._asked:
+            asked.close()
+
+
 # -- runs that hold the line -----------------------------------------------------------------------
 
 
@@ -206,13 +320,26 @@ def end_runs(line: Line, report: Report) -> list[EndedRun]:
     urls = [station.url for station in line.stations]
     recorders = [(folder, _Recorder(folder)) for folder in runs_that_hold(urls)]
     for folder, recorder in recorders:
-        report(f"the run {folder} holds this line; it is ended with SIGTERM")
+        report(f"the run {folder} holds this line; it is ended with SIGTERM{_since(folder)}")
         recorder.send(signal.SIGTERM)
     end = time.monotonic() + TERM_S
     return [
         EndedRun(folder, _end(folder, recorder, urls, end, report))
         for folder, recorder in recorders
     ]
+
+
+def _since(folder: Path) -> str:
+    from jbclog.record.manifest import read_manifest
+
+    try:
+        begun = read_manifest(folder).t0_utc
+    except RecordError:
+        return ""
+    if begun is None:
+        return ""
+    moment = datetime.fromtimestamp(begun, UTC)
+    return f" (it records since {moment:%Y-%m-%d %H:%M:%S} UTC)"
 
 
 def _end(

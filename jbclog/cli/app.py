@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from importlib import import_module
 from typing import Any, Final
 
@@ -17,7 +18,7 @@ from jbclog import __version__
 from jbclog.cli.front_page import ABOUT, COMMANDS, OPTIONS
 from jbclog.cli.help import Program, Verb
 from jbclog.cli.loading import leave_out_plugins
-from jbclog.cli.streams import make_usable
+from jbclog.cli.streams import failed_output, keep_failed_write, make_usable, point_to_null
 from jbclog.core.outcome import Exit
 
 NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the record\n"
@@ -111,7 +112,27 @@ def main() -> None:
         os.write(2, NO_MEMORY)
         os._exit(Exit.RECORD)
     except OSError as error:
-        if error.errno not in (errno.EMFILE, errno.ENFILE):
-            raise
-        os.write(2, NO_FILES)  # other ways to print may not be imported yet, and can no longer be
-        sys.exit(Exit.RECORD)
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            os.write(2, NO_FILES)  # other ways to print may not be imported yet, and cannot be
+            sys.exit(Exit.RECORD)
+        # a command reports its own errors, so this one is of the help or the version
+        keep_failed_write(error)
+        point_to_null(1)
+        sys.exit(_code_with_output(Exit.FINE))
+    except SystemExit as end:
+        raise SystemExit(_code_with_output(end.code)) from None
+
+
+def _code_with_output(code: str | int | None) -> str | int | None:
+    """Return the exit code; `Exit.OUTPUT` where it said that all is well, or what was found, and
+    stdout could not be written.
+    """
+    if code not in (None, Exit.FINE, Exit.NOT_FINE):
+        return code
+    failure = failed_output()
+    if failure is None:
+        return code
+    text = f"error: standard output is incomplete: {failure}; free space there\n"
+    with suppress(OSError):
+        os.write(2, text.encode(errors="backslashreplace"))
+    return Exit.OUTPUT.value

@@ -78,8 +78,8 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
         tcp = None if hasattr(os, "openpty") else "127.0.0.1:0"
         if not quiet:
             note(
-                "four virtual stations: dde-1 and dde-2 (two tools each), ucr-1 (robot unit), ale-1"
-                " (solder feeder)"
+                "Demo on four virtual stations: dde-1 and dde-2 with two irons each, ucr-1 of a"
+                " soldering robot, ale-1 with a solder feeder. No real station is used."
             )
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
             plan = make_plan(
@@ -111,13 +111,15 @@ def _shown(result: Result) -> dict[str, bool]:
     stations = {facts.name: facts for facts in result.manifest.stations}
     dropped, overheated = stations.get(DROPPED), stations.get(OVERHEATED)
     return {
-        "all stations recorded to the end": all(
+        "every station was recorded until the end": all(
             facts.outcome == StationOutcome.COMPLETED for facts in stations.values()
         ),
         # more than once if the computer was busy and answers were late
-        f"{DROPPED} disconnected for 3 s and reconnected": bool(dropped and dropped.outages),
-        f"{OVERHEATED} raised a high-temperature alarm": bool(overheated and overheated.alarms),
-        "all tools confirmed in their safe state": all(
+        f"{DROPPED} lost its cable for 3 s and was recorded again after that": bool(
+            dropped and dropped.outages
+        ),
+        f"{OVERHEATED} got too hot and raised its alarm": bool(overheated and overheated.alarms),
+        "every tool is back in its stand, as the stations confirm": all(
             facts.safe_state and set(facts.safe_state.values()) == {SafetyResult.VERIFIED}
             for facts in stations.values()
         ),
@@ -129,11 +131,12 @@ def _print(result: Result, page: Path, shown: dict[str, bool]) -> None:
     rows = sum(file.rows or 0 for file in manifest.files if file.path.startswith("samples/"))
     echo_words("")
     echo_words(
-        f"Recipe applied to {len(manifest.stations)} stations and confirmed; {rows} rows recorded."
+        f"The recipe was set on {len(manifest.stations)} stations and read back; {rows} rows of"
+        " readings were recorded."
     )
     for text, true in shown.items():
         echo_words(f"  {'yes' if true else 'NO '}  {text}")
-    echo_words(f"Verdict by the recipe's acceptance limits: {manifest.verdict}.")
+    echo_words(f"Verdict by the limits in the recipe: {manifest.verdict}.")
     reasons = "; ".join(finding.text for finding in result.findings) or "no findings"
     echo_words(f"`jbclog run` would exit with code {result.exit_code.value}: {reasons}.")
     echo_words("")

@@ -9,7 +9,7 @@ import shutil
 import sys
 from textwrap import fill, wrap
 
-from jbclog.cli.streams import make_usable
+from jbclog.cli.streams import STDOUT, keep_failed_write, make_usable, point_to_null
 
 ABOUT = (
     "Apply a recipe to soldering stations, confirm it, record and report.\n\nStart with `jbclog"
@@ -78,8 +78,10 @@ def is_shown() -> bool:
     make_usable()
     try:
         print(page(_name(), shutil.get_terminal_size().columns), flush=True)
-    except OSError:  # closed by its reader, or the disk is full: as with any other output
-        return False
+    except OSError as error:  # closed by its reader, or the disk is full
+        keep_failed_write(error)
+        point_to_null(STDOUT)
+        return False  # `app.main` ends as any other command does
     return True
 
 

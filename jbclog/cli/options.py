@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import os
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 from jbclog.cli.names import complete_station
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import Problem, Problems, RecordError, UsageError, problems_of
 
 if TYPE_CHECKING:
     from jbclog.app.port_access import PortAccess
     from jbclog.app.run.options import Metadata, RunOptions
+
+T = TypeVar("T")
 
 
 def port_access(ctx: typer.Context) -> PortAccess:
@@ -230,6 +233,21 @@ SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated
 HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # Unicode categories of invisible characters
 
 
+class Mistakes:
+    """Collects the mistakes of a command line, to be reported with those of the files."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+
+    def read(self, option: Callable[[], T], otherwise: T) -> T:
+        """Return the value of an option; `otherwise` if it is wrong."""
+        try:
+            return option()
+        except UsageError as error:
+            self.problems += problems_of(error)
+            return otherwise
+
+
 def duration_s(text: str | None) -> float | None:
     """Return the seconds of ``90s``, ``15m``, ``8h`` or ``1h30m``. Raises `UsageError`."""
     if text is None:
@@ -276,17 +294,22 @@ def metadata(
     product: str | None,
     several: Mapping[str, Sequence[str]],
 ) -> Metadata:
-    """Return a run's metadata; `several`: values of repeatable options. Raises `UsageError`."""
+    """Return a run's metadata; `several`: values of repeatable options. Raises `Problems` with all
+    mistakes.
+    """
     from jbclog.app.run.options import Metadata
 
+    mistakes = Mistakes()
     texts = [("--operator", operator), ("--order", order), ("--product", product)]
     texts += [(option, text) for option, those in several.items() for text in those]
     for option, text in texts:
-        check_text(option, text or "")
+        mistakes.read(partial(check_text, option, text or ""), None)
+    no_tags: dict[str, str] = {}
+    tagged = mistakes.read(lambda: tags(several.get("--tag", ())), no_tags)
+    if mistakes.problems:
+        raise Problems(mistakes.problems)
     units, wire_lots, flux_lots, tips = (tuple(several.get(option, ())) for option in SEVERAL)
-    return Metadata(
-        operator, order, product, units, tags(several.get("--tag", ())), wire_lots, flux_lots, tips
-    )
+    return Metadata(operator, order, product, units, tagged, wire_lots, flux_lots, tips)
 
 
 def signed(what: str, by: str | None, reason: str | None) -> tuple[str, str]:
@@ -327,16 +350,21 @@ def wanted(
     metadata: Metadata | None = None,
     *,
     allow_omega_write: bool = False,
+    mistakes: Mistakes | None = None,
 ) -> RunOptions:
-    """Return the options of a run."""
+    """Return the options of a run, with the `mistakes` of the command line."""
     from jbclog.app.run.options import RunOptions
 
+    mistakes = mistakes or Mistakes()
+    seconds = mistakes.read(lambda: duration_s(duration), None)
+    rate_hz = mistakes.read(lambda: rate(rate_text), None)
     return RunOptions(
         line,
         recipe,
         tuple(stations),
-        duration_s(duration),
-        rate(rate_text),
+        seconds,
+        rate_hz,
         metadata,
         allow_omega_write=allow_omega_write,
+        mistakes=tuple(mistakes.problems),
     )

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ParamSpec
 
 import typer
 
-from jbclog.cli.streams import point_to_null, writes_unicode
+from jbclog.cli.streams import keep_failed_write, point_to_null, writes_unicode
 from jbclog.core.errors import (
     JbclogError,
     Problems,
@@ -150,8 +150,10 @@ def _echo(lines: list[str], *, err: bool) -> None:
         return
     try:
         typer.echo("\n".join(lines), err=err)
-    except OSError:  # the reader has closed it, or the disk is full
+    except OSError as error:  # the reader has closed it, or the disk is full
         point_to_null(2 if err else 1)
+        if not err:
+            keep_failed_write(error)
 
 
 def wrapped(text: str, columns: int | None = None) -> str:

@@ -6,9 +6,12 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
+import typer
+
 from jbclog.cli import options
 from jbclog.cli.loading import without_collector
 from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, StationPlan
@@ -23,6 +26,9 @@ def plan(
     stations: list[str] = options.STATION,
     rate: str | None = options.RATE,
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
+    verbose: bool = typer.Option(
+        False, "--verbose", help="Show every setting, and how each rate fits its link."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show what a run would write, and which rate fits.
@@ -45,7 +51,7 @@ def plan(
         if as_json:
             echo_json(_all_facts(made))
         else:
-            echo(*_lines(made))
+            echo(*_lines(made, verbose=verbose))
 
 
 def _all_facts(made: Plan) -> dict[str, object]:
@@ -123,16 +129,81 @@ def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | No
     }
 
 
-def _lines(made: Plan) -> list[str]:
-    lines = [
-        f"Line {made.line.name}: {len(made.stations)}"
-        f" station{'s' if len(made.stations) > 1 else ''}. No byte sent."
+def _lines(made: Plan, *, verbose: bool) -> list[str]:
+    lines = [f"Line {made.line.name}: {count_text(len(made.stations), 'station')}. No byte sent."]
+    if len(made.stations) > 1:
+        lines.append(_start_text(made))
+    for station in made.stations:
+        lines.append("")
+        if verbose:
+            lines += _station_lines(station, made)
+        else:
+            lines += _summary_lines(station, made)
+    if not verbose:
+        lines += ["", "--verbose shows every setting, and how each rate fits its link."]
+    return lines
+
+
+def _summary_lines(station: StationPlan, made: Plan) -> list[str]:
+    """Say what will happen to a station, in two lines; a third for an OMEGA's condition."""
+    head = f"{_title(station)}: {_rate_summary(station)}"
+    skipped = station.skipped()
+    if skipped:
+        head += f"; {count_text(len(skipped), 'key')} of the recipe not for it"
+    writes = station.writes()
+    steps = f"  writes {count_text(len(writes), 'setting')}{_temperatures(station)}"
+    if not writes:
+        steps = "  writes nothing"
+    for order in _orders(station):
+        steps += f", then {order.removeprefix('set every tool to ')}"
+    lines = [head, f"{steps}; at the end {_end_summary(station)}"]
+    condition = station.condition()
+    if condition is not None:
+        lines.append(f"  compares condition {condition.condition}; {_difference(made)}")
+    return lines
+
+
+def _end_summary(station: StationPlan) -> str:
+    if station.family is not None and not station.family.safe_states:
+        return "nothing: it has no safe state"
+    return f'"{station.recipe.safe_state(station.spec.family)}"'
+
+
+def _difference(made: Plan) -> str:
+    if made.wanted.allow_omega_write:
+        return "a difference is written once"
+    return "a difference stops the start (--allow-omega-write writes it)"
+
+
+def _orders(station: StationPlan) -> list[str]:
+    """Return what is ordered once the settings are written."""
+    recipe = station.recipe
+    has_suction = station.family is not None and station.family.status.has_suction
+    orders = []
+    if recipe.run.status:
+        orders.append(f'set every tool to "{recipe.run.status}"')
+    if has_suction and (orders or recipe.suction != "keep"):
+        orders.append(SUCTION[recipe.suction])
+    return orders
+
+
+def _rate_summary(station: StationPlan) -> str:
+    if station.demand is None:
+        return "rate not known until the station reports its model"
+    if station.rate_hz is None:
+        return "sampled without pause"
+    load = station.demand.load(station.rate_hz, station.turnaround_s)
+    return f"{station.rate_hz:g} Hz, {100 * load:.0f} % of the link"
+
+
+def _temperatures(station: StationPlan) -> str:
+    """List the setpoints that the run writes: `` (port 1: 350 °C, port 2: 330 °C)``."""
+    setpoints = [
+        f"port {setting.port}: {setting.shown()}"
+        for setting in station.writes()
+        if setting.command.name == "selected_temperature"
     ]
-    lines += [_start_text(made)] if len(made.stations) > 1 else []
-    return [
-        *lines,
-        *(line for station in made.stations for line in ("", *_station_lines(station, made))),
-    ]
+    return f" ({', '.join(setpoints)})" if setpoints else ""
 
 
 SUCTION = {"keep": "keep suction", "on": "switch suction on", "off": "switch suction off"}
@@ -150,35 +221,34 @@ def _start_text(made: Plan) -> str:
     )
 
 
-def _station_lines(station: StationPlan, made: Plan) -> list[str]:
-    spec, recipe, condition = station.spec, station.recipe, station.condition()
+def _title(station: StationPlan) -> str:
+    spec = station.spec
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
     model = f" (accepts model {spec.model})" if spec.model else ""
+    return f"{spec.name}  {spec.family}{model}, {ports}"
+
+
+def _condition_lines(station: StationPlan, made: Plan, *, indent: str) -> list[str]:
+    """Describe the condition that an OMEGA must have."""
+    condition = station.condition()
+    if condition is None:
+        return []
+    text = f"{condition}; {_difference(made)}"
+    return wrap(text, 110, initial_indent=f"{indent}compare   ", subsequent_indent=" " * 12)
+
+
+def _station_lines(station: StationPlan, made: Plan) -> list[str]:
+    recipe = station.recipe
     lines = [
-        f"{spec.name}  {spec.family}{model}, {ports}, {spec.url}",
+        f"{_title(station)}, {station.spec.url}",
         f"  recipe    {recipe.name} revision {recipe.revision}",
     ]
     lines += _rate_lines(station)
-    lines += [f"  write     {_write_text(one)}" for one in station.writes()]
-    if condition is not None:
-        written = (
-            "is written once"
-            if made.wanted.allow_omega_write
-            else "stops the start (--allow-omega-write writes it)"
-        )
-        lines += wrap(
-            f"{condition}; a difference {written}",
-            110,
-            initial_indent="  compare   ",
-            subsequent_indent=" " * 12,
-        )
+    lines += [f"  write     {_write_text(setting)}" for setting in station.writes()]
+    lines += _condition_lines(station, made, indent="  ")
     if station.skipped():
         lines.append(f"  skip      {', '.join(station.skipped())}: this station has none")
-    has_suction = station.family is not None and station.family.status.has_suction
-    orders = [f'set every tool to "{recipe.run.status}"'] if recipe.run.status else []
-    orders += (
-        [SUCTION[recipe.suction]] if has_suction and (orders or recipe.suction != "keep") else []
-    )
+    orders = _orders(station)
     if orders:
         lines.append(f"  then      {', '.join(orders)}, and record")
     return [*lines, _last_line(station)]

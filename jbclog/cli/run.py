@@ -89,18 +89,28 @@ def run(
     """  # noqa: E501  # a command is copied as one line
     never_wait()
     with without_collector():  # until the recorder begins
+        mistakes = options.Mistakes()
+        no_serials: list[str] = []
         several = {
-            "--unit": [*unit, *listed(units)],
+            "--unit": [*unit, *mistakes.read(lambda: listed(units), no_serials)],
             "--tag": tag,
             "--wire-lot": wire_lot,
             "--flux-lot": flux_lot,
             "--tip": tip,
         }
-        said = options.metadata(operator, order, product, several)
-        source = source_of(units)
-        said = replace(said, reads_units=source is not None)
+        said = mistakes.read(lambda: options.metadata(operator, order, product, several), None)
+        source = mistakes.read(lambda: source_of(units), None)
+        if said is not None:
+            said = replace(said, reads_units=source is not None)
         wanted = options.wanted(
-            line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write
+            line,
+            recipe,
+            stations,
+            duration,
+            rate,
+            said,
+            allow_omega_write=allow_omega_write,
+            mistakes=mistakes,
         )
         wanted = replace(
             wanted,

@@ -13,7 +13,9 @@ from jbclog.cli.streams import never_wait
 from jbclog.core.errors import Unsafe, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.app.safe_state import EndedRun
+    from jbclog.app.port_access import PortAccess
+    from jbclog.app.safe_state import EndedRun, GuardsAtWork
+    from jbclog.config.line import Line
     from jbclog.session.manual.safe import MadeSafe, StationMadeSafe
 
 
@@ -49,21 +51,34 @@ def safe(
         help="Temperature limit of --wait, °C; default: 60.",
         show_default=False,
     ),
+    unanswered: bool = typer.Option(
+        False,
+        "--unanswered",
+        help="Order stations that do not answer, after a question.",
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Put every tool of a line in its safe state, now.
 
-    Ends a run that holds the line, by force after 3 s. Then stops the feeders, sets each tool to
-    its safe state and reads it back; leaves a resting tool as it is. Notes that in runs that left
-    these tools hot: those below --out, and those in this user's list. Safe is not cold: prints each
-    tool's temperature and when it goes to sleep. Exit code 5: a tool is not confirmed safe; 1: with
-    --wait, a tool is not known to be below the limit after 30 min.
+    Ends a run that holds the line, by force after 3 s; a guard at work on it tries again first.
+    Then stops the feeders, sets each tool to its safe state and reads it back; leaves a resting
+    tool as it is. Notes that in runs that left these tools hot: those below --out, and those in
+    this user's list. Safe is not cold: prints each tool's temperature and when it goes to sleep.
+    With --unanswered, asks once whether to order the stations that do not answer. Exit code 5: a
+    tool is not confirmed safe; 1: with --wait, a tool is not known to be below the limit after
+    30 min.
 
     \b
     Example:
       jbclog safe --line virtual/line.toml --wait
     """
-    from jbclog.app.safe_state import close_leases, end_runs, make_line_safe, wait_until_cold
+    from jbclog.app.safe_state import (
+        GuardsAtWork,
+        close_leases,
+        end_runs,
+        make_line_safe,
+        wait_until_cold,
+    )
     from jbclog.config.line import load_line
 
     if below is not None and not wait:
@@ -79,9 +94,15 @@ def safe(
             echo(*lines(made))
 
     access = options.port_access(ctx)
-    make_line_safe(loaded, done, access)
-    for folder in close_leases(stations, out):
-        note(f"run {folder} left tools hot; noted in its record")
+    guards = GuardsAtWork(loaded, note)
+    try:
+        make_line_safe(loaded, done, access, guards)
+        if unanswered:
+            _insist(loaded, stations, guards, access, as_json=as_json)
+        for folder in close_leases(stations, out):
+            note(f"run {folder} left tools hot; noted in its record")
+    finally:
+        guards.close()
     for made in stations:
         if made.note:
             note(f"note: {made.target.name}: {made.note}")
@@ -97,6 +118,44 @@ def safe(
         echo_json(_facts(runs, stations, code) | waiting)
     if code:
         raise typer.Exit(code)
+
+
+def _insist(
+    line: Line,
+    stations: list[StationMadeSafe],
+    guards: GuardsAtWork,
+    access: PortAccess,
+    *,
+    as_json: bool,
+) -> None:
+    """Ask once whether to order the stations that do not answer, and do it."""
+    from jbclog.app.safe_state import insist, unanswered, why_mixed
+
+    silent = unanswered(stations, guards)
+    if not silent:
+        return
+    names = ", ".join(f"{made.target.name} ({made.target.url})" for made in silent)
+    mixed = why_mixed(line)
+    if mixed is not None:
+        note(f"nothing sent to {names}: {mixed}. Switch the station off")
+        return
+    note(
+        f"No answer from {names}. An order may be sent all the same. The cable may lead to another"
+        " station by now, and a tip that rests would be warmed."
+    )
+    if not _is_confirmed():
+        note("nothing sent. Switch the station off")
+        return
+    insist(silent, access)
+    for made in silent if not as_json else ():
+        echo(*lines(made))
+
+
+def _is_confirmed() -> bool:
+    try:
+        return typer.confirm("Send the safe order once?", default=False, err=True)
+    except typer.Abort:  # no terminal, or Ctrl-D
+        return False
 
 
 def _exit_code(stations: list[StationMadeSafe]) -> int:

@@ -54,13 +54,15 @@ def print_no_ports(*, as_json: bool) -> None:
         echo(NO_PORTS)
 
 
-def print_found(reports: list[PortReport], wanted: Path | None, written: Path | None) -> None:
+def print_found(
+    reports: list[PortReport], wanted: Path | None, written: Path | None, *, verbose: bool
+) -> None:
     from jbclog.app.discovery import is_complete
 
     for report in reports:
-        echo(*_lines(report))
+        echo(*_lines(report, verbose=verbose))
         echo("")
-    echo(*_sent_lines(reports))
+    echo(*_sent_lines(reports, verbose=verbose))
     if wanted and not written:
         echo("")
         echo(f"not written: {wanted}; no station that jbclog can drive")
@@ -75,7 +77,7 @@ def print_found(reports: list[PortReport], wanted: Path | None, written: Path | 
             )
 
 
-def _lines(report: PortReport) -> Iterator[str]:
+def _lines(report: PortReport, *, verbose: bool) -> Iterator[str]:
     from jbclog.session.discovery.diagnosis import diagnose
 
     yield f"{report.url}  {_title(report)}"
@@ -84,6 +86,9 @@ def _lines(report: PortReport) -> Iterator[str]:
     for finding in diagnose(report):
         yield f"  {'finding':<11} {finding.what}"
         yield f"  {'step':<11} {finding.step}"
+    if verbose:
+        for line, data in report.garbage.items():
+            yield f"  {'bytes':<11} at {line}: {data.hex(' ')}"
     if report.untried:
         yield f"  {'not tried':<11} {', '.join(map(str, report.untried))}"
 
@@ -119,13 +124,20 @@ def _turnaround_text(turnaround: Turnaround) -> str:
     return f"{turnaround.median_ms:.2f} ms median, {turnaround.p99_ms:.2f} ms 99th percentile{lost}"
 
 
-def _sent_lines(reports: Iterable[PortReport]) -> Iterator[str]:
-    """Yield each query sent, with its bytes, count and number of line formats."""
+def _sent_lines(reports: Iterable[PortReport], *, verbose: bool) -> Iterator[str]:
+    """Yield how many queries were sent; with `verbose` each, with its bytes, count and number of
+    line formats.
+    """
     from jbclog.session.discovery.probe import question_text
 
     sent = _sent(reports)
     number = sum(lines.total() for lines in sent.values())
-    yield f"Sent {number} {'query' if number == 1 else 'queries'}; wrote and cleared nothing:"
+    noun = "query" if number == 1 else "queries"
+    summary = f"Sent {number} {noun}; wrote and cleared nothing"
+    if not verbose:
+        yield f"{summary} (--verbose lists them)."
+        return
+    yield f"{summary}:"
     for data, lines in sent.items():
         at = next(iter(lines)) if len(lines) == 1 else f"{len(lines)} line formats"
         yield f"  {lines.total():>4} × {question_text(data)}, at {at}: {data.hex(' ')}"
@@ -232,12 +244,15 @@ def scan(
         help="Time limit per port, in seconds.",
         show_default=False,
     ),
+    verbose: bool = typer.Option(
+        False, "--verbose", help="List each query, and bytes that are no answer."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Find stations and their link settings.
 
     Tries the usual baud rates, formats and addresses, and the OMEGA protocol. Sends only queries
-    that change and clear nothing, and lists them at the end. Skips ports in use. Exit code 1: a
+    that change and clear nothing. Skips ports in use. Exit code 1: a
     named port has no station that jbclog can drive, or no station was found.
 
     \b
@@ -263,7 +278,7 @@ def scan(
     if as_json:
         echo_json(facts_of(reports, written))
     else:
-        print_found(reports, write, written)
+        print_found(reports, write, written, verbose=verbose)
     if not _all_fine(reports, named=bool(urls)):
         raise typer.Exit(1)
 

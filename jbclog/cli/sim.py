@@ -49,14 +49,28 @@ def sim(
     served = folder / SERVED_LINE
     echo(str(served))
     note(f"{_count(len(loaded.stations))} ready; stop with Ctrl-C. In another terminal:")
-    recipe = (
-        ""
-        if all(station.recipe for station in loaded.stations)
-        else "profiles/recipes/sn100c-tht.toml "
-    )
-    note(f"  jbclog run {recipe}--line {served} --duration 60s")
+    note(*_first_run(line, served))
     server.run()
     wire_file.close()
+
+
+def _first_run(line: Path, served: Path) -> list[str]:
+    """Return the command that records the served line to an accepted run."""
+    from jbclog.app.run.first_run import FIRST_DURATION, fitting_recipe
+    from jbclog.config.line import load_line
+
+    stations = load_line(served).stations
+    command = f"--line {served} --duration {FIRST_DURATION}"
+    if all(station.recipe for station in stations):
+        return [f"  jbclog run {command}"]
+    recipe = fitting_recipe(line, served)
+    if recipe is not None:
+        return [f"  jbclog run {recipe} {command}"]
+    families = ", ".join(sorted({station.family for station in stations}))
+    return [
+        f"  jbclog run RECIPE {command}",
+        f"with a recipe for {families}; `jbclog init` writes a first one",
+    ]
 
 
 def _wire_file(log: Path | None) -> ByteLog:

@@ -7,6 +7,7 @@ the number of a closed stream, or every note would be sent to the station.
 from __future__ import annotations
 
 import atexit
+import errno
 import io
 import os
 import sys
@@ -44,6 +45,30 @@ def point_to_null(number: int) -> None:
         os.close(null)
 
 
+# -- output that could not be written --------------------------------------------------------------
+
+_failed_writes: list[OSError] = []
+
+
+def keep_failed_write(error: OSError) -> None:
+    """Remember that stdout could not be written, which ends the command with `Exit.OUTPUT`.
+
+    A pipe that its reader closed (`jbclog runs | head`) is no failure: the reader has what it
+    wanted.
+    """
+    if error.errno != errno.EPIPE:
+        _failed_writes.append(error)
+
+
+def failed_output() -> str | None:
+    """Return why stdout could not be written, once all output has gone out; None if it could."""
+    for output in _outputs:
+        output.settle()
+    if not _failed_writes:
+        return None
+    return _failed_writes[0].strerror or str(_failed_writes[0])
+
+
 def writes_unicode() -> bool:
     """Return whether stdout can encode any character."""
     return (getattr(sys.stdout, "encoding", None) or "").lower().replace("-", "").startswith("utf")
@@ -68,6 +93,9 @@ def _open_null_at(number: int) -> None:
 WAITING_MOST: Final = 1 << 20  # bytes
 PIECE: Final = 512
 END_S: Final = 2.0
+STDOUT: Final = 1
+
+_outputs: list[NonblockingOutput] = []
 
 
 class NonblockingOutput(io.RawIOBase):
@@ -80,6 +108,7 @@ class NonblockingOutput(io.RawIOBase):
 
     def __init__(self, descriptor: int) -> None:
         super().__init__()
+        _outputs.append(self)
         self.name = f"<{descriptor}>"
         self._descriptor = descriptor
         self._waiting: deque[bytes] = deque()
@@ -123,21 +152,23 @@ class NonblockingOutput(io.RawIOBase):
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting)
                 data = self._waiting.popleft()
-            is_taken = _write(self._descriptor, data)
+            lost = 0
+            try:
+                _write(self._descriptor, data)
+            except OSError as error:  # the reader has closed it, or the disk is full
+                lost = len(data)
+                if self._descriptor == STDOUT:
+                    keep_failed_write(error)
             with self._changed:
                 self._size -= len(data)
-                self.lost += 0 if is_taken else len(data)
+                self.lost += lost
                 self._changed.notify_all()
 
 
-def _write(descriptor: int, data: bytes) -> bool:
-    """Write all of `data`, however long it takes; return whether it was accepted."""
-    try:
-        while data:
-            data = data[os.write(descriptor, data[:PIECE]) :]
-    except OSError:  # the reader has closed it, or the disk is full
-        return False
-    return True
+def _write(descriptor: int, data: bytes) -> None:
+    """Write all of `data`, however long it takes. Raises `OSError`."""
+    while data:
+        data = data[os.write(descriptor, data[:PIECE]) :]
 
 
 def never_wait() -> None:

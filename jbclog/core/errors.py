@@ -85,6 +85,16 @@ class Problems(UsageError):
         return "\n".join(clean(str(problem)) for problem in self.problems)
 
 
+def problems_of(error: UsageError) -> list[Problem]:
+    """Return the mistakes that an error reports; its text is the one mistake if it is no list."""
+    if isinstance(error, Problems):
+        return error.problems
+    where, separator, text = str(error).partition(": ")
+    if not separator:
+        return [Problem("command line", None, "", where)]
+    return [Problem(where, None, "", text)]
+
+
 class LinkError(JbclogError, OSError):
     """The port is gone: covers every exception that pyserial raises for a lost cable."""
 

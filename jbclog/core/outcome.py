@@ -25,6 +25,7 @@ class Exit(IntEnum):
     STATION = 3
     RECORD = 4
     UNSAFE = 5
+    OUTPUT = 6
     INTERRUPTED = 130
     TERMINATED = 143
 
@@ -59,6 +60,7 @@ SEVEREST_FIRST = (
     Exit.STATION,
     Exit.INTERRUPTED,
     Exit.TERMINATED,
+    Exit.OUTPUT,
     Exit.NOT_FINE,
 )
 

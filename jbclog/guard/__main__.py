@@ -17,11 +17,14 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from jbclog.core.clock import elapsed
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.guard.action_log import STDERR, ActionLog, close_stream, show
+from jbclog.guard.continuity import Continuity
+from jbclog.guard.inquiry import Inquiries, Unsafe, answer
 from jbclog.guard.lease import StationLease, guard_lock
 from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
+from jbclog.guard.takeover import CRITICAL, ERROR, Problems, TakeOver
 from jbclog.guard.watch import ANSWER, HUNG_S, READY, GuardLost, Recorder, Verdict, Watch
 from jbclog.transport.cpu_limit import cpu_limit
 
@@ -32,6 +35,7 @@ DYING_S = 0.3  # a dying recorder's pipe closes a moment before its ports
 DEATH_S = 1.0  # until a killed recorder has released its ports
 WRITE_S = 1.0  # until the lease is written
 RETRY_EVERY_S = 5.0
+ORDER_AGAIN_S = 0.5  # while a station that does not answer may still be ordered
 RETRY_FOR_S = 600.0
 TRIES = 3
 
@@ -49,7 +53,8 @@ def main() -> int:
         with guard_lock(folder, PREDECESSOR_S):
             with suppress(OSError):  # works without reserved space
                 action_log.reserve()
-            left, flooded = _guard(recorder, lease_writer, action_log)
+            watch, inquiries = Watch(time.monotonic()), Inquiries(folder)
+            left, flooded = _guard(watch, recorder, lease_writer, action_log)
             try:
                 _close_lease(left, lease_writer, action_log)
             except Exception as error:  # retry the rest all the same
@@ -66,7 +71,8 @@ def main() -> int:
         return RecordError.exit_code
     if left:
         close_stream(STDERR)
-        _retry(folder, left, flooded, lease_writer, action_log)
+        with inquiries:
+            _retry(folder, left, flooded, watch.continuity, inquiries, lease_writer, action_log)
     return 0
 
 
@@ -91,7 +97,7 @@ def _close_lease(
 
 
 def _guard(
-    recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog
+    watch: Watch, recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog
 ) -> tuple[Sequence[StationLease], Collection[str]]:
     """Watch, and take over if necessary; return what may still be hot, and the stations ordered
     over a flooded link.
@@ -101,7 +107,7 @@ def _guard(
     """
     os.set_blocking(STDOUT, False)
     _answer(READY)
-    watch, answers = Watch(time.monotonic()), True
+    answers = True
     for _ in range(TRIES):
         try:
             verdict = _watch(watch, lease_writer, answers=answers)
@@ -161,7 +167,8 @@ def _take_over(
 ) -> tuple[Sequence[StationLease], Collection[str]]:
     if verdict is not Verdict.FAILED:  # a failed recorder has closed its ports
         recorder.end(0.0 if verdict is Verdict.HUNG else DYING_S, DEATH_S)
-    taking_over = TakeOver(list(watch.stations.values()), action_log)
+    watch.continuity.died_at = elapsed()
+    taking_over = TakeOver(list(watch.stations.values()), action_log, continuity=watch.continuity)
     left = taking_over.run()
     why = (
         f"{verdict.value} for {HUNG_S:g} s and was ended"
@@ -183,26 +190,52 @@ def _retry(
     folder: Path,
     left: Sequence[StationLease],
     flooded: Collection[str],
+    continuity: Continuity,
+    inquiries: Inquiries,
     lease_writer: LeaseWriter,
     action_log: ActionLog,
 ) -> None:
     """Retry until all is safe, another process has closed the lease, or time is up. Unlock the
-    folder between tries.
+    folder between tries; `jbclog safe` gets a try, its result, and then the ports.
     """
     end = time.monotonic() + RETRY_FOR_S
     while left and time.monotonic() < end:
-        time.sleep(RETRY_EVERY_S)
+        asking = inquiries.wait(_pause_s(left, continuity))
         # checked without the lock too: a guard without descriptors cannot take it
         if lease_writer.was_cleared:
             return
+        problems: Problems = {}
         with suppress(Exception), guard_lock(folder):
             if lease_writer.was_cleared:
                 return
-            taking_over = TakeOver(left, action_log, again=True, flooded=flooded)
+            taking_over = TakeOver(
+                left, action_log, again=True, flooded=flooded, continuity=continuity
+            )
             left, flooded = taking_over.run(), taking_over.flooded
+            problems = taking_over.problems
             _close_lease(left, lease_writer, action_log)
+        if asking is not None:
+            answer(asking, [_unsafe(station, problems, continuity) for station in left])
     with suppress(RecordError, OSError), guard_lock(folder):
         action_log.tidy()
+
+
+def _unsafe(station: StationLease, problems: Problems, continuity: Continuity) -> Unsafe:
+    name = station.name
+    return Unsafe(
+        name,
+        station.url,
+        problems.get(name, {}),
+        continuity.orders[name],
+        continuity.others.get(name),
+    )
+
+
+def _pause_s(left: Sequence[StationLease], continuity: Continuity) -> float:
+    now = elapsed()
+    if any(continuity.has_orders_left(station.name, now) for station in left):
+        return ORDER_AGAIN_S
+    return RETRY_EVERY_S
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ class ActionLog:
     """
 
     def __init__(self, folder: Path, who: str = "jbclog guard") -> None:
-        self._folder = folder
+        self.folder = folder
         self._who = who
         self._lock = Lock()
         self._lines = 0  # reserved, plus one
@@ -45,7 +45,7 @@ class ActionLog:
 
     def reserve(self, lines: int = 0) -> None:
         """Reserve space on the disk for so many lines; none in a sealed run. Raises OSError."""
-        if lines < self._lines or is_sealed(self._folder):
+        if lines < self._lines or is_sealed(self.folder):
             return
         self._lines = lines + 1
         with self._lock, self._opened() as descriptor:
@@ -61,6 +61,7 @@ class ActionLog:
         text: str,
         station: str | None = None,
         port: int | None = None,
+        value: float | None = None,
     ) -> None:
         """Append an event (docs/reference/events.md) with the current time. Does not raise."""
         row = {
@@ -71,6 +72,8 @@ class ActionLog:
             "station": station,
             "port": port,
         }
+        if value is not None:
+            row["value"] = value
         try:
             self._write(row)
         except Exception:  # the disk, or memory refused for a moment
@@ -81,7 +84,7 @@ class ActionLog:
 
     def _write(self, row: dict[str, Any]) -> None:
         with self._lock:
-            if is_sealed(self._folder):
+            if is_sealed(self.folder):
                 self._annotate(row["kind"], row["text"], row["station"], row["port"])
             else:
                 self._append(json.dumps(row).encode())
@@ -89,8 +92,8 @@ class ActionLog:
     def tidy(self) -> None:
         """Release unused space when the run is over, and remove an empty file. Does not raise."""
         with suppress(OSError), self._lock:
-            if not is_sealed(self._folder):
-                cut_blank_end(self._folder / NAME, Kind.ACTION_LOG)
+            if not is_sealed(self.folder):
+                cut_blank_end(self.folder / NAME, Kind.ACTION_LOG)
 
     def _append(self, line: bytes) -> None:
         with self._opened() as descriptor:
@@ -99,7 +102,7 @@ class ActionLog:
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
-        descriptor = open_to_write(self._folder / NAME, Kind.ACTION_LOG)
+        descriptor = open_to_write(self.folder / NAME, Kind.ACTION_LOG)
         try:
             yield descriptor
         finally:
@@ -116,7 +119,7 @@ class ActionLog:
             else f"{station} port {port}: "
         )
         append(
-            self._folder,
+            self.folder,
             who=self._who,
             what=f"{place}{text}",
             why="its recorder had ended without it",

@@ -261,6 +261,27 @@ def listing(folder: Path) -> Listing:
     return found
 
 
+def families_leased(besides: Path | None = None) -> set[str] | None:
+    """Return the families of this user's listed leases, except those of the run in `besides`; None
+    if one of them may be missing.
+    """
+    if _state() is None and not _runtime().is_dir():
+        return None
+    runs = registered_runs()
+    if runs.away:
+        return None
+    own = None if besides is None else os.path.realpath(besides)
+    families: set[str] = set()
+    for folder in runs.there:
+        if os.path.realpath(folder) == own:
+            continue
+        leases, wrong = _read(folder)
+        if wrong:
+            return None
+        families |= {station.family for station in leases}
+    return families
+
+
 def _register(folder: Path) -> None:
     # the checksum separates runs of one name in two folders
     checksum = zlib.crc32(os.fsencode(os.path.realpath(folder)))

@@ -220,6 +220,23 @@ def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) 
     return False
 
 
+def note_orders(url: str, texts: Mapping[int, str], who: str) -> None:
+    """Write down an order without an answer, by port, in the runs that left this station hot. Does
+    not raise.
+    """
+    for folder in unclosed(None, [url]):
+        with suppress(RecordError, OSError), guard_lock(folder):
+            action_log = ActionLog(folder, who)
+            for station in lease.read_leases(folder):
+                for port in station.ports if station.is_at(url) else ():
+                    if port in texts:
+                        text = f"{who}: {texts[port]}."
+                        action_log.write(
+                            "safety.not_safe", CRITICAL, text, station.name, port, value=1
+                        )
+            action_log.tidy()
+
+
 def _without(station: StationLease, seen: Seen | None, action_log: ActionLog) -> StationLease:
     """Return the lease without the tools seen safe."""
     if seen is None or seen.model != station.model:

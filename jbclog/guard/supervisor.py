@@ -5,14 +5,16 @@ dead guard.
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import select
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
@@ -21,8 +23,19 @@ from jbclog.core.errors import StartRefused
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.guard import lease
+from jbclog.guard.continuity import Proof
 from jbclog.guard.lease import StationLease
-from jbclog.guard.watch import BEAT, END, FAILED, READY, GuardLost
+from jbclog.guard.watch import (
+    ANSWERED,
+    BEAT,
+    DOUBTED,
+    END,
+    FAILED,
+    FAMILIES,
+    PROOF,
+    READY,
+    GuardLost,
+)
 
 READY_S: Final = 10.0
 END_S: Final = 2.0
@@ -31,6 +44,8 @@ TAKEN_OVER_S: Final = 12.0
 UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that does not answer
 # the most that Linux allows every user: holds the leases of any line while the guard starts
 PIPE_SIZE: Final = 1 << 20
+ANSWERED_EVERY_S: Final = 1.0  # a later answer of a station is sent after this time
+ANSWERED_AT_ONCE: Final = 32  # stations in a line, so that it is written whole or not at all
 UNGUARDED: Final = "if this recorder dies, the tools stay hot"
 
 Report = Callable[[str, str], None]
@@ -62,6 +77,13 @@ class RunGuard:
     def renew(self) -> None:
         if self._supervisor is not None:
             self._supervisor.renew()
+
+    def identify(self, families: Sequence[str], proofs: Iterable[Proof]) -> None:
+        """Send what is known of the stations now (`guard.continuity`): the families of the line,
+        and a proof of each station that has one.
+        """
+        if self._supervisor is not None:
+            self._supervisor.identify(tuple(families), {proof.station: proof for proof in proofs})
 
     def end(self) -> None:
         """End the guard after all sessions have ended by themselves, or none has begun."""
@@ -113,6 +135,8 @@ class GuardSupervisor:
         self._folder = folder
         self._report = report
         self._leases: dict[str, StationLease] = {}
+        self._families: tuple[str, ...] = ()
+        self._proofs: dict[str, Proof] = {}
         self._is_handed_over = False  # the guard owns the lease file from then on
         self._guard: GuardProcess | None = begun or GuardProcess(folder)
         self._guard.await_ready()
@@ -130,6 +154,12 @@ class GuardSupervisor:
     def renew(self) -> None:
         """Send a sign of life; call this every `RENEW_S`."""
         self._call(lambda guard: guard.renew())
+
+    def identify(self, families: tuple[str, ...], proofs: dict[str, Proof]) -> None:
+        """Send what changed of the stations' identities."""
+        self._families, self._proofs = families, proofs
+        if self._guard is not None:
+            self._guard.identify(families, proofs)
 
     def end(self) -> None:
         """End the guard: every tool is safe, or reported as not safe."""
@@ -161,6 +191,7 @@ class GuardSupervisor:
         self._report("guard.lost", f"The guard was lost ({lost}) and is being replaced.")
         try:
             self._guard = GuardProcess(self._folder, self._leases.values(), former)
+            self._guard.identify(self._families, self._proofs)
         except (GuardLost, StartRefused) as error:
             self._report("guard.lost", f"The guard could not be replaced ({error}); {UNGUARDED}.")
         if former is not None:
@@ -194,6 +225,8 @@ class GuardProcess:
         ]
         self._unanswered = 0
         self._sent: dict[str, StationLease] = {}
+        self._families: tuple[str, ...] = ()
+        self._proofs: dict[str, Proof] = {}
         after = [former.descriptor] if former is not None and former.descriptor is not None else []
         if former is not None and not after:
             former.kill()
@@ -258,6 +291,44 @@ class GuardProcess:
             raise GuardLost("it does not respond")
         self._send(BEAT)
         self._unanswered += 1
+
+    def identify(self, families: tuple[str, ...], proofs: dict[str, Proof]) -> None:
+        """Send what changed of the stations' identities, as far as the pipe takes it; the next call
+        sends the rest.
+        """
+        if families != self._families and self._offer(FAMILIES, families):
+            self._families = families
+        for name in self._proofs.keys() - proofs.keys():
+            if self._offer(DOUBTED, name):
+                del self._proofs[name]
+        later = {}
+        for name, proof in proofs.items():
+            known = self._proofs.get(name)
+            if known is None or proof != replace(known, answered_at=proof.answered_at):
+                if self._offer(PROOF, asdict(proof)):
+                    self._proofs[name] = proof
+            elif proof.answered_at - known.answered_at >= ANSWERED_EVERY_S:
+                later[name] = proof
+        self._send_later(list(later.values()))
+
+    def _send_later(self, proofs: Sequence[Proof]) -> None:
+        for first in range(0, len(proofs), ANSWERED_AT_ONCE):
+            part = proofs[first : first + ANSWERED_AT_ONCE]
+            if self._offer(ANSWERED, {proof.station: proof.answered_at for proof in part}):
+                self._proofs |= {proof.station: proof for proof in part}
+
+    def _offer(self, kind: str, facts: object) -> bool:
+        """Send a line that may be lost; return True if it was sent. A pipe takes so few bytes as a
+        whole, or none of them.
+        """
+        data = f"{kind} {json.dumps(facts)}\n".encode()
+        if len(data) > select.PIPE_BUF:
+            return False
+        try:
+            os.write(self._pipe, data)
+        except OSError:  # the pipe is full, or `renew` notices that the guard is gone
+            return False
+        return True
 
     def end(self) -> None:
         """Send the end and wait for the process: there is nothing left to guard."""

@@ -2,7 +2,8 @@
 `session.safety`.
 
 A station is identified before anything is written, because another adapter may be plugged in by
-now. Each result goes to the action log and to stderr as soon as it is known.
+now; one that does not answer may get an order all the same (`continuity.py`). Each result goes to
+the action log and to stderr as soon as it is known.
 """
 
 from __future__ import annotations
@@ -13,20 +14,24 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from threading import Event
 from typing import Final
 
-from jbclog.core.errors import Refusal, UsageError, unexpected_error_text
-from jbclog.core.io_requests import Steps
+from jbclog.core.errors import UsageError, unexpected_error_text
 from jbclog.core.serial_line import LineFormat
 from jbclog.core.states import SafetyResult
+from jbclog.core.text import count_text
 from jbclog.guard.action_log import ActionLog, show
-from jbclog.guard.lease import StationLease
-from jbclog.protocol.client.interface import Client
+from jbclog.guard.blind_orders import BlindOrders, identify
+from jbclog.guard.continuity import Continuity, is_mixed
+from jbclog.guard.lease import StationLease, families_leased
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 from jbclog.transport import blocking
+from jbclog.transport.device import device_of
 from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
 
@@ -36,14 +41,19 @@ OPENING = 5  # descriptors of a port while it is being opened
 ENDED_S = 8.0  # a hanging driver must not delay the results of the other ports
 BEGUN_S: Final = 0.5  # for a thread to begin on a busy machine; if both begin, only one works
 LOOK_S: Final = 0.005
+Problems = dict[str, dict[int, str]]
+"""What is not safe, by station and port; 0 for the whole station."""
+OTHER_LEASES_S: Final = 0.2  # for the leases of other runs, whose disks may hang
 
 
 class TakeOver:
     """Makes safe what these leases hold, and logs it. `left`: leases that still hold something.
+    `problems`: why.
 
     `again`: a repeated attempt; failures are not logged twice. `spare`: leave tools alone that are
-    at rest. `flooded`: stations already ordered over a flooded link; with repeated orders a tool
-    would never sleep.
+    at rest; so are those of a station where one was when it was last read. `flooded`: stations
+    already ordered over a flooded link; with repeated orders a tool would never sleep.
+    `continuity`: for orders to stations that do not answer; None: they get none.
     """
 
     def __init__(
@@ -54,12 +64,16 @@ class TakeOver:
         again: bool = False,
         spare: bool = False,
         flooded: Collection[str] = (),
+        continuity: Continuity | None = None,
     ) -> None:
         self.flooded = set(flooded)
+        self.problems: Problems = {}
         self._left = {station.name: station for station in stations if station.holds}
         self._action_log = action_log
         self._again = again
         self._spare = spare
+        self._continuity = continuity
+        self._elsewhere = FamiliesElsewhere(action_log.folder)
 
     @property
     def left(self) -> list[StationLease]:
@@ -70,6 +84,8 @@ class TakeOver:
         stations, end = self.left, time.monotonic() + ENDED_S
         with suppress(UsageError):  # some ports then need a second attempt
             allow_ports(OPENING * len(stations))
+        if self._continuity is not None:
+            self._elsewhere.begin()
         threads = [OnceInThread(partial(self._one, station)) for station in stations]
         for thread in threads:
             thread.begin()
@@ -80,8 +96,10 @@ class TakeOver:
         return self.left
 
     def _one(self, lease: StationLease) -> None:
+        blind = self._blind_orders(lease)
+        ordered_before = 0 if blind is None else blind.count
         try:
-            task = self._secured_with_retry(lease)
+            task = self._secured_with_retry(lease, blind)
         except Exception as error:  # one station's failure must not stop the others
             self._report(
                 lease,
@@ -93,26 +111,54 @@ class TakeOver:
         if task.flood is not None and all(tool.reached == SafetyResult.SENT for tool in task.tools):
             self.flooded.add(lease.name)
         self._update(lease, task)
+        if blind is not None and blind.found_other is not None:
+            text = f"on {lease.url} there is now {blind.found_other}; it gets no orders"
+            self._report(lease, "identity.changed", CRITICAL, text, is_news=True)
         for tool in task.tools:
-            self._report_tool(lease, task, tool)
+            if tool.is_safe and tool.status is not None:
+                self._report_safe(lease, task, tool)
+            elif blind is not None and blind.ordered(tool.port) is not None:
+                is_news = blind.count > ordered_before
+                self._report_ordered(lease, task, tool, blind, is_news=is_news)
+            else:
+                self._report_unsafe(lease, task, tool, blind)
         if task.feeds:
-            self._report(
-                lease,
-                "safety.not_safe",
-                CRITICAL,
-                "the guard could not stop the feeder; switch the station off",
-            )
+            text, is_news = "the guard could not stop the feeder; switch the station off", False
+            if blind is not None and blind.count:
+                times, is_news = count_text(blind.count, "time"), blind.count > ordered_before
+                text = (
+                    f"the feeder's stop was ordered {times}, not confirmed; switch the station off"
+                )
+            self._report(lease, "safety.not_safe", CRITICAL, text, is_news=is_news)
 
-    def _secured_with_retry(self, lease: StationLease) -> SafetyTask:
+    def _blind_orders(self, lease: StationLease) -> BlindOrders | None:
+        if self._continuity is None:
+            return None
+        return BlindOrders(lease, self._continuity, self._is_mixed)
+
+    def _is_mixed(self) -> bool:
+        assert self._continuity is not None
+        return is_mixed(self._continuity.families, self._elsewhere.get())
+
+    def _secured_with_retry(self, lease: StationLease, blind: BlindOrders | None) -> SafetyTask:
         """Try twice: a failure of this program may be temporary, for example refused memory."""
         try:
-            return self._secured(lease)
+            return self._secured(lease, blind)
         except Exception:
-            return self._secured(lease)
+            return self._secured(lease, blind)
 
-    def _secured(self, lease: StationLease) -> SafetyTask:
+    def _secured(self, lease: StationLease, blind: BlindOrders | None) -> SafetyTask:
         task = self._task(lease)
-        blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
+        if blind is not None:
+            task.prove = lambda: blind.prove(task)
+
+        def opened() -> Port:
+            port = _open(lease)
+            if blind is not None:
+                blind.device = device_of(lease.url, port.fileno())
+            return port
+
+        blocking.run(secure(task), opened, sleep=time.sleep)
         return task
 
     def _update(self, lease: StationLease, task: SafetyTask) -> None:
@@ -136,43 +182,85 @@ class TakeOver:
             lease.safe_state,
             tools,
             lease.feeds,
-            lambda: _is_same_station(client, lease),
+            lambda: identify(client, lease),
             is_proven=False,
-            spare=self._spare,
+            spare=self._spare
+            or (self._continuity is not None and self._continuity.may_rest(lease)),
             is_stranger=lease.name in self.flooded,
         )
 
-    def _report_tool(self, lease: StationLease, task: SafetyTask, tool: ToolSafety) -> None:
-        if tool.is_safe and tool.status is not None:
-            state = task.family.status.shown(tool.status)
-            text = (
-                "was in its safe state already"
-                if tool.was_spared
-                else "was put in its safe state by the guard"
-            )
-            why, severity = (f"; {tool.fell_back}", WARNING) if tool.fell_back else ("", INFO)
-            self._report(
-                lease,
-                "safety.safe_state",
-                severity,
-                f"the tool {text}, as read back: {state}{why}",
-                tool.port,
-            )
-            return
+    def _report_safe(self, lease: StationLease, task: SafetyTask, tool: ToolSafety) -> None:
+        assert tool.status is not None
+        text = "was put in its safe state by the guard"
+        if tool.was_spared:
+            text = "was in its safe state already"
+        why, severity = (f"; {tool.fell_back}", WARNING) if tool.fell_back else ("", INFO)
+        state = task.family.status.shown(tool.status)
+        text = f"the tool {text}, as read back: {state}{why}"
+        self._report(lease, "safety.safe_state", severity, text, tool.port)
+
+    def _report_ordered(
+        self,
+        lease: StationLease,
+        task: SafetyTask,
+        tool: ToolSafety,
+        blind: BlindOrders,
+        *,
+        is_news: bool,
+    ) -> None:
+        """Report a tool that was ordered without an answer of its station."""
+        ordered = blind.ordered(tool.port)
+        assert ordered is not None
+        word, times = ordered
+        state = task.family.status.shown(word)
+        text = (
+            f"the station does not answer: {state} was ordered {count_text(times, 'time')},"
+            " not confirmed"
+        )
+        if blind.was_mixed:
+            text += "; on a line of mixed families that does not count as safe"
+        self._report(
+            lease,
+            "safety.not_safe",
+            CRITICAL,
+            f"{text}; {HOT}",
+            tool.port,
+            orders=times,
+            is_news=is_news,
+        )
+
+    def _report_unsafe(
+        self, lease: StationLease, task: SafetyTask, tool: ToolSafety, blind: BlindOrders | None
+    ) -> None:
         what = (
             "was ordered into its safe state by the guard and does not confirm it"
             if tool.reached == SafetyResult.SENT
             else "could not be made safe"
         )
         what += "" if task.flood is None else " (its link is flooded)"
+        why = "" if blind is None else blind.why_not(tool.port)
+        if why and not tool.was_ordered:
+            what += f", and got no order: {why}"
         self._report(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
 
     def _report(
-        self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None
+        self,
+        lease: StationLease,
+        kind: str,
+        severity: str,
+        text: str,
+        port: int | None = None,
+        *,
+        orders: int | None = None,
+        is_news: bool = False,
     ) -> None:
-        if self._again and severity == CRITICAL:
+        if severity == CRITICAL:
+            self.problems.setdefault(lease.name, {})[port or 0] = text
+        if self._again and severity == CRITICAL and not is_news:
             return
-        self._action_log.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
+        self._action_log.write(
+            kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port, orders
+        )
         show(f"{lease.name if port is None else f'{lease.name} port {port}'}: {text}")
 
 
@@ -184,22 +272,28 @@ def _open(lease: StationLease) -> Port:
     return open_port(lease.url, _format(lease))
 
 
-def _is_same_station(client: Client, lease: StationLease) -> Steps[bool]:
-    """Return True if the station answers the leased model and, if there is one, the leased
-    software.
-    """
-    family = FAMILIES[lease.family]
-    commands = family.commands
-    if not (lease.model_accepted or family.proves(lease.model or "")):
-        return False
-    if (yield from client.read(commands["model"])) != lease.model:
-        return False
-    if lease.software is None:
-        return True
-    try:
-        return (yield from client.read(commands["software_version"])) == lease.software
-    except Refusal:
-        return False
+class FamiliesElsewhere:
+    """The families of other runs' leases, looked at in a thread for `OTHER_LEASES_S`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._found: set[str] | None = None
+        self._is_done = Event()
+        self._until = 0.0
+
+    def begin(self) -> None:
+        self._until = time.monotonic() + OTHER_LEASES_S
+        with suppress(RuntimeError, MemoryError):
+            _thread.start_new_thread(self._look, ())
+
+    def get(self) -> set[str] | None:
+        """Return them when they are known; None if they are not in time."""
+        self._is_done.wait(max(self._until - time.monotonic(), 0.0))
+        return self._found
+
+    def _look(self) -> None:
+        self._found = families_leased(self._folder)
+        self._is_done.set()
 
 
 class OnceInThread:

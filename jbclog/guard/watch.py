@@ -2,10 +2,10 @@
 process.
 
 The recorder sends a line every `RENEW_S`: a station's lease if it changed, else a beat, and an end
-when all is done. If it dies, the pipe closes at once; if it hangs, the pipe stays open and silent,
-and after `HUNG_S` it counts as hung. A recorder that holds nothing hot may stay silent: it is
-starting, or sealing. If the guard itself slept because the whole machine stood still, the recorder
-gets another `GRACE_S`.
+when all is done. Further lines, which are no sign of life, carry what `continuity.py` needs. If it
+dies, the pipe closes at once; if it hangs, the pipe stays open and silent, and after `HUNG_S` it
+counts as hung. A recorder that holds nothing hot may stay silent: it is starting, or sealing. If
+the guard itself slept because the whole machine stood still, the recorder gets another `GRACE_S`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from contextlib import suppress
 from enum import Enum
 from typing import Final
 
+from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.guard.continuity import Continuity, build_proof
 from jbclog.guard.lease import StationLease
 
 RENEW_S: Final = 0.25
@@ -30,6 +32,12 @@ LOOK_S: Final = 0.01
 BEAT: Final = "beat"
 END: Final = "end"
 FAILED: Final = "failed"
+# first words of lines about the stations' identities, each before its facts in JSON
+FAMILIES: Final = "families"  # their names
+PROOF: Final = "proof"
+ANSWERED: Final = "answered"  # times by station
+DOUBTED: Final = "doubted"  # the station whose proof does not count any more
+IDENTITY: Final = frozenset({FAMILIES, PROOF, ANSWERED, DOUBTED})
 # bytes from the guard
 READY: Final = b"ready\n"
 ANSWER: Final = b"."
@@ -49,11 +57,18 @@ class Verdict(Enum):
     HUNG = "the recorder did not renew its lease"
 
 
+_build_families: Final = builder(tuple[str, ...])
+_build_times: Final = builder(dict[str, float])
+
+
 class Watch:
-    """A recorder's leases, and the time of its last line (monotonic seconds)."""
+    """A recorder's leases, the identities of its stations, and the time of its last line (monotonic
+    seconds).
+    """
 
     def __init__(self, now: float) -> None:
         self.stations: dict[str, StationLease] = {}
+        self.continuity = Continuity()
         self.heard_at = now
         self.is_ended = False
         self.has_failed = False
@@ -73,6 +88,10 @@ class Watch:
         return any(changed)
 
     def _hear_line(self, line: str, now: float) -> bool:
+        if line.partition(" ")[0] in IDENTITY:
+            with suppress(ValueError):
+                self._hear_identity(*line.split(" ", 1))
+            return False
         is_lease = line not in (BEAT, END, FAILED)
         if is_lease:
             try:
@@ -84,6 +103,18 @@ class Watch:
         self.has_failed |= line == FAILED
         self.heard_at = now
         return is_lease
+
+    def _hear_identity(self, kind: str, text: str = "null") -> None:
+        known, facts = self.continuity, json_of(text)
+        if kind == PROOF:
+            proof = build_proof(facts)
+            known.proofs[proof.station] = proof
+        elif kind == ANSWERED:
+            known.note_answers(_build_times(facts))
+        elif kind == DOUBTED:
+            known.proofs.pop(str(facts), None)
+        else:
+            known.families = _build_families(facts)
 
     def overslept(self, late_s: float, now: float) -> None:
         """Register that the guard woke `late_s` later than planned."""

@@ -9,7 +9,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -33,7 +33,7 @@ BLANK: Final = b"\n"  # reserved space
 RETRY_S: Final = 0.05
 ROWS_AT_ONCE: Final = 8192
 SAFE: Final = "safety.safe_state"
-REACHED: Final[dict[str, str]] = {
+REACHED: Final[dict[str, SafetyResult]] = {
     SAFE: SafetyResult.VERIFIED,
     "safety.not_safe": SafetyResult.FAILED,
 }
@@ -104,6 +104,18 @@ class _Action:
     text: str
     station: str | None
     port: int | None
+    value: float | None = None  # orders without an answer
+
+    def event(self) -> EventRow:
+        return EventRow(
+            self.time,
+            self.kind,
+            self.severity,
+            self.text,
+            self.station,
+            self.port,
+            value=self.value,
+        )
 
 
 _build_action: Final = builder(_Action)
@@ -112,7 +124,7 @@ _build_action: Final = builder(_Action)
 def _event(line: str) -> EventRow | None:
     """Parse a line; None for one that is torn or changed."""
     try:
-        return EventRow(*astuple(_build_action(json_of(line))))
+        return _build_action(json_of(line)).event()
     except ValueError:
         return None
 
@@ -185,10 +197,18 @@ def with_guard(
 
 
 def _updated(facts: StationFacts, reached: Mapping[int, EventRow]) -> StationFacts:
-    states = {port: REACHED[event.kind] for port, event in reached.items()}
+    states = {port: _reached(event) for port, event in reached.items()}
     unsafe = [
         f"{facts.name} port {port}: {event.text}"
         for port, event in reached.items()
-        if REACHED[event.kind] == SafetyResult.FAILED
+        if _reached(event) != SafetyResult.VERIFIED
     ]
     return replace(facts, safe_state=facts.safe_state | states, unsafe=[*facts.unsafe, *unsafe])
+
+
+def _reached(event: EventRow) -> SafetyResult:
+    """Return what an action made of a tool. An order without an answer has the number of orders as
+    its value.
+    """
+    reached = REACHED[event.kind]
+    return SafetyResult.SENT if reached == SafetyResult.FAILED and event.value else reached

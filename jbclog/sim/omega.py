@@ -66,12 +66,20 @@ def usual(number: int) -> StoredRecord:
 
 
 class OmegaPlant:
-    """One controller and its machine. Times are monotonic seconds."""
+    """One controller and its machine. Times are monotonic seconds. `judges_optimum`: F says whether
+    the temperature is optimal, which it is not from the beginning of a joint on.
+    """
 
     def __init__(
-        self, began: float, joints: JointSchedule, stored: Mapping[int, StoredRecord]
+        self,
+        began: float,
+        joints: JointSchedule,
+        stored: Mapping[int, StoredRecord],
+        *,
+        judges_optimum: bool = False,
     ) -> None:
         self.stored = dict(stored)
+        self._dips_after = 0.0 if judges_optimum else DIPS_AFTER
         self.faults: set[str] = set()
         self._joints = joints
         self._joint = joints.after(began)
@@ -96,7 +104,7 @@ class OmegaPlant:
     def at_temperature(self, now: float) -> str:
         self.advance_to(now)
         dips = any(
-            begin + DIPS_AFTER * (end - begin) <= now < end for begin, end in self._at_work()
+            begin + self._dips_after * (end - begin) <= now < end for begin, end in self._at_work()
         )
         return AT_TEMPERATURE.names[dips or now < self._ready_at or "out_of_range" in self.faults]
 
@@ -144,7 +152,8 @@ def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
 
 SLOWEST_S = 0.25  # 003 11.1
 IN_DEGREES: Final = "temperature_in_degrees"
-OMEGA_QUIRKS: Final = {IN_DEGREES: 51}
+IS_OPTIMAL: Final = "in_range_is_optimal"
+OMEGA_QUIRKS: Final = {IN_DEGREES: 51, IS_OPTIMAL: 55}
 """Quirks, with their rows of docs/reference/contradictions.md."""
 
 PHYSICS: Final = OF_OMEGA | {"restart"}
@@ -165,7 +174,9 @@ class VirtualOmega(FaultyStation):
         line = LineFormat(spec.baudrate, spec.format)
         self.log = StationLog()
         joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, self.seed, now)
-        self.plant = OmegaPlant(now, joints, _stored(spec.name, sim))
+        self.plant = OmegaPlant(
+            now, joints, _stored(spec.name, sim), judges_optimum=IS_OPTIMAL in sim.quirks
+        )
         self._random = Random(self.seed)
         self._turnaround_s = (
             sim.turnaround_ms / 1000 if "turnaround_ms" in sim.model_fields_set else None

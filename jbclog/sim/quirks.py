@@ -20,6 +20,7 @@ from jbclog.sim.soldering import SolderingModel, StationModel, TableRequest
 from jbclog.sim.tip import Comparator
 
 WRONG_FORMAT, OUT_OF_RANGE = 2, 3
+UNDEFINED = "99999"  # the undefined communication error
 
 
 class ParsedRequest(NamedTuple):
@@ -54,7 +55,8 @@ class Quirk:
     """One deviation; a field that is None keeps the recommended form. `number` is its B-number.
 
     `addresses` returns those of an answer, given the usual ones, the station's present address, and
-    whether the answer acknowledges a change of address.
+    whether the answer acknowledges a change of address. `undefined`: the digits of the undefined
+    error, in place of 99999.
     """
 
     number: int
@@ -63,6 +65,7 @@ class Quirk:
     addresses: Callable[[Addresses, int | None, bool], Addresses] | None = None
     begin: Callable[[StationModel], None] | None = None
     bare_refusals: bool = False
+    undefined: str | None = None
     refuses_others: bool = False
 
 
@@ -212,6 +215,7 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType(
         "six_letter_model": Quirk(34, say=_data(lambda data: (data.strip() + "-2A")[:6], "model")),
         "model_cut_to_five": Quirk(34, say=_data(lambda data: data.strip()[:5], "model")),
         "model_unpadded": Quirk(34, say=_data(str.strip, "model")),
+        "model_with_type": Quirk(34, say=_data(lambda data: data.strip() + "_CAP_01", "model")),
         "hex_with_0x": Quirk(35, say=_data(_hex("0x{:011X}"), "dispensed_length")),
         "hex_lower_case": Quirk(35, say=_data(_hex("{:05x}"), "dispensed_length")),
         "hex_of_eight": Quirk(35, say=_data(_hex("{:08X}"), "dispensed_length")),
@@ -220,6 +224,7 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType(
         "silent_after_restart": Quirk(40, say=_silence_after_restart),
         "status_acknowledged_with_value": Quirk(43, say=_status_with_value),
         "alarm_delay_answers_ald": Quirk(53, say=_under("HD", "LD", acknowledgement=True)),
+        "undefined_error_255": Quirk(54, undefined="00255"),
     }
 )
 
@@ -229,6 +234,8 @@ class Quirks:
         self._quirks = [QUIRKS[name] for name in names]
         self.refuses_others = any(quirk.refuses_others for quirk in self._quirks)
         self._bare_refusals = any(quirk.bare_refusals for quirk in self._quirks)
+        other = [quirk.undefined for quirk in self._quirks if quirk.undefined is not None]
+        self._undefined = other[0] if other else UNDEFINED
 
     def begin(self, face: StationModel) -> None:
         for quirk in self._quirks:
@@ -255,7 +262,10 @@ class Quirks:
 
     def refusal(self, text: str) -> str:
         """Return the text after the N of a refusal."""
-        return text[-5:] if self._bare_refusals else text
+        code, digits = text[:-5], text[-5:]
+        if digits == UNDEFINED:
+            digits = self._undefined
+        return digits if self._bare_refusals else code + digits
 
     def addresses(self, usual: Addresses, own: int | None, *, moves: bool) -> Addresses:
         """Return source and target of an answer; `moves`: it acknowledges a change of address."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import select
 import socket
 import sys
 from collections.abc import Callable
@@ -21,13 +22,16 @@ from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, 
 from jbclog.core.serial_line import SCHEMES, LineFormat, scheme_of
 from jbclog.transport.port import (
     BROKEN,
+    LONGEST_GREETING,
     SLICE_S,
     DescriptorPort,
     ObjectPort,
     Port,
+    SocketPort,
     close_in_thread,
     link_lost,
 )
+from jbclog.transport.rfc2217 import ServerAnswers
 from jbclog.transport.system_ports import holder_of, process_text
 
 PYSERIAL: Final = serial.__version__
@@ -70,6 +74,7 @@ except ImportError:  # Windows, which opens every port exclusively
 # bytes of a connection's receive buffer; beyond it the server has to wait
 HELD_BY_SYSTEM = 1 << 16
 MOST_WAITING = 4096  # buffered bytes of an rfc2217 port
+GREETING_S = 0.05  # a server that refuses says so at once
 WRITE_S = 1.0  # write time-out of ports that pyserial writes to
 PSEUDO_TERMINALS = "/dev/pts/"
 LOCKED = (errno.EBUSY, errno.EAGAIN)
@@ -82,13 +87,18 @@ def open_port(url: str, line: LineFormat) -> Port:
 
     Raises `PortBusy`, naming the holder if known, and `LinkError` for everything else.
     """
-    opened = None
+    opened: serial.SerialBase | None = None
+    answers: ServerAnswers | None = None
     _expect_port(url)
     try:
         opened = serial.serial_for_url(url, do_not_open=True)
         _set_up(opened, url, line)
+        answers = ServerAnswers(opened)
         _open(opened, line.parity)
     except BROKEN as error:
+        problem = None if answers is None else answers.problem(url, line, error)
+        if problem is not None:
+            raise LinkError(problem) from error
         raise _refused(url, _device(opened, url), error) from error
     try:
         return _port(url, opened)
@@ -197,7 +207,17 @@ def _connected(
     if descriptor is None:
         return ObjectPort(url, opened, hang_up)
     opened.is_open = False  # pyserial must not close the connection again
-    return DescriptorPort(url, descriptor, hang_up)
+    return SocketPort(url, descriptor, hang_up, _greeting(connection))
+
+
+def _greeting(connection: socket.socket) -> bytes:
+    """Return what a server says at once, without taking it."""
+    watched = select.poll()  # `select` cannot watch a descriptor above 1023
+    watched.register(connection, select.POLLIN)
+    with contextlib.suppress(OSError):
+        if watched.poll(1000 * GREETING_S):
+            return connection.recv(LONGEST_GREETING, socket.MSG_PEEK)
+    return b""
 
 
 def _limit_queue(opened: serial.SerialBase) -> Callable[[], None]:
@@ -261,12 +281,18 @@ def _close_device(descriptor: int) -> None:
     os.close(descriptor)
 
 
+def _how_to_end(process: int | None) -> str:
+    return "" if process in (None, os.getpid()) else f" (`kill {process}`)"
+
+
 def _refused(url: str, device: str, error: BaseException) -> LinkError:
     number = _number(error) or _number(error.__context__)
     if number in LOCKED or "lock" in str(error):
         process = holder_of(device)
         return PortBusy(
-            f"{url} is in use by {process_text(process)}; end that, or take another port", process
+            f"{url} is in use by {process_text(process)}; end that{_how_to_end(process)}, or take"
+            " another port",
+            process,
         )
     if number in TOO_MANY:
         return LinkError(

@@ -22,10 +22,14 @@ from typing import Final, Protocol
 
 import serial
 from jbclog.core.errors import LinkError
+from jbclog.core.text import clean
 
 MOST_AT_ONCE = 1024  # bytes of one read: many answers
 CLOSE_S = 0.2  # a driver's close() may hang; after this, a thread waits for it
 SLICE_S = 0.02  # time-out of a port without a descriptor; rfc2217 renegotiates when it changes
+LONGEST_GREETING: Final = 512  # bytes
+SHOWN_GREETING: Final = 120  # characters
+LOST: Final = "connection lost (cable unplugged or server closed it)"
 CLOSED = -1  # replaces the descriptor of a closed port; the system refuses it
 
 try:
@@ -141,7 +145,7 @@ class DescriptorPort:
         except OSError as error:
             raise self._gone("cannot be read", error) from error
         if not data:  # readable, but no bytes: the end of the connection
-            raise link_lost(self.url, "connection lost (cable unplugged or server closed it)")
+            raise link_lost(self.url, LOST)
         return data
 
     def read(self, timeout_s: float) -> bytes:
@@ -161,6 +165,67 @@ class DescriptorPort:
         if self._descriptor == CLOSED:
             return link_lost(self.url, "the port is closed")
         return link_lost(self.url, f"{what}; is it unplugged?", error)
+
+
+class SocketPort(DescriptorPort):
+    """A connection to a server. One that refuses says why in a text before it closes (ser2net:
+    "Port already in use"); the text is in the error.
+
+    `greeting`: what had come when the connection was made, still to be read. The first request may
+    cost it: a server that has closed answers with a reset, which discards what was not read.
+    """
+
+    __slots__ = ("_first", "_has_read")
+
+    def __init__(
+        self, url: str, descriptor: int, let_go: Callable[[], object], greeting: bytes = b""
+    ) -> None:
+        super().__init__(url, descriptor, let_go)
+        self._first = greeting
+        self._has_read = False
+
+    def read_now(self) -> bytes:
+        try:
+            data = super().read_now()
+        except LinkError as error:
+            raise self._with_greeting(error) from error
+        if not self._has_read:
+            self._has_read = True
+            self._first = b""
+        if len(self._first) <= LONGEST_GREETING:
+            self._first += data[: LONGEST_GREETING + 1]
+        return data
+
+    def write(self, data: bytes) -> None:
+        try:
+            super().write(data)
+        except LinkError as error:
+            with contextlib.suppress(LinkError):  # what came before the connection was closed
+                self.read_now()
+            raise self._with_greeting(error) from error
+
+    def _with_greeting(self, error: LinkError) -> LinkError:
+        """Return the error with the server's text if it sent nothing but a text."""
+        text = greeting_text(self._first)
+        if not text:
+            return error
+        return link_lost(
+            self.url,
+            f'the server closed the connection and said "{text}"; see what else uses its port',
+        )
+
+
+def greeting_text(data: bytes) -> str:
+    """Return a server's greeting, one line of at most `SHOWN_GREETING` characters; empty if these
+    bytes are no text, or more than a greeting.
+    """
+    if len(data) > LONGEST_GREETING or b"\x02" in data:  # STX begins every frame of a station
+        return ""
+    text = clean(data.decode("utf-8", "replace").strip())
+    letters = sum(sign.isalnum() or sign.isspace() for sign in text)
+    if 2 * letters < len(text):
+        return ""
+    return text[:SHOWN_GREETING]
 
 
 class ObjectPort:

@@ -6,7 +6,7 @@ import contextlib
 import os
 import stat
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -69,6 +69,8 @@ def latency_timer(device: str, timers: Path = TIMERS) -> Path | None:
     return None
 
 
+TAKE_A_WORD: Final = ("-W", "-X")
+"""Options of Python whose value is the next word."""
 PSEUDO_TERMINALS: Final = "/dev/pts"
 MAJORS_OF_PSEUDO_TERMINALS: Final = range(136, 144)
 
@@ -141,6 +143,27 @@ def _open_in(process: int) -> Iterator[tuple[int, int]]:
                 yield found.st_rdev, found.st_ino
 
 
+def sharers_text(url: str) -> str:
+    """Say which other programs have the port open; empty if none is known."""
+    sharers = sharers_of(url)
+    if not sharers:
+        return ""
+    return (
+        f"{url} is open in {processes_text(sharers)}, too, which takes answers that are meant for"
+        " this program: end that program"
+    )
+
+
+def processes_named(name: str) -> list[int]:
+    """Return the processes with this command name (at most 15 characters, /proc/PID/comm)."""
+    found = []
+    for process in processes():
+        with contextlib.suppress(OSError):
+            if Path(f"/proc/{process}/comm").read_text().strip() == name:
+                found.append(process)
+    return found
+
+
 def processes_text(processes: Iterable[int]) -> str:
     """Format processes: ``process 4711 (minicom), process 4712 (cat)``."""
     return ", ".join(map(process_text, processes))
@@ -153,8 +176,33 @@ def process_text(process: int | None) -> str:
     if process == os.getpid():
         return "this program itself"
     with contextlib.suppress(OSError):
-        return f"process {process} ({Path(f'/proc/{process}/comm').read_text().strip()})"
+        return f"process {process} ({_program(process)})"
     return f"process {process}"
+
+
+def _program(process: int) -> str:
+    """Name a process's program; one in Python by its file or module. Raises OSError."""
+    name = Path(f"/proc/{process}/comm").read_text().strip()
+    if not name.startswith("python"):
+        return name
+    command = Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")
+    words = [word.decode("utf-8", "replace") for word in command[1:] if word]
+    return script_name(words) or "a Python program"
+
+
+def script_name(words: Sequence[str]) -> str | None:
+    """Return the file or module that Python runs with these arguments; None if it is neither."""
+    rest = iter(words)
+    for word in rest:
+        if word in TAKE_A_WORD:
+            next(rest, None)
+        elif word.startswith("-") and word.endswith("m"):
+            return next(rest, None)
+        elif word.startswith("-c"):
+            return None
+        elif not word.startswith("-"):
+            return Path(word).name
+    return None
 
 
 def _locker(wanted: os.stat_result) -> int | None:

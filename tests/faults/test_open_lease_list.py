@@ -1,5 +1,5 @@
 """Where the list of open leases goes when the state folder cannot be written: on real file systems
-and as a real user (docs/reference/faults.md, F-51).
+and as a real user (docs/reference/faults.md, F-53).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ LINE = (
     " [1]\n"
 )
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
-CALL = "exec {python} -c 'from jbclog.cli import main; main()' {arguments}"
+CALL = "{python} -c 'from jbclog.cli import main; main()' {arguments}"
 
 
 def shell(folder: Path, arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -61,3 +61,41 @@ def test_a_stream_that_cannot_write_a_character_gets_an_escape(
     )
     assert ended.returncode == 0, ended.stderr
     assert "/nowhere" in ended.stdout
+
+
+RUNS = Path(__file__).parents[2] / "notebooks/data/alarm"
+FULL = "No space left on device"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "--help",
+        "--version",
+        "run --help",
+        "plan job.toml --line line.toml",
+        "plan job.toml --line line.toml --json",
+        "runs {folder}",
+        "runs {folder} --json",
+        "check {run} --json",
+        "check {run}",
+    ],
+)
+def test_output_on_a_full_disk_is_no_success(tmp_path: Path, arguments: str) -> None:
+    words = arguments.format(folder=RUNS, run=next(RUNS.iterdir()))
+    fine = shell(tmp_path, words)
+    full = shell(tmp_path, f"{words} >/dev/full")
+    assert fine.returncode in (0, 1)
+    assert full.returncode == 6
+    lines = full.stderr.removeprefix(fine.stderr).splitlines()
+    assert lines == [f"error: standard output is incomplete: {FULL}; free space there"]
+
+
+def test_a_worse_end_keeps_its_code_on_a_full_disk(tmp_path: Path) -> None:
+    assert shell(tmp_path, "check nowhere --json >/dev/full").returncode == 2
+    assert shell(tmp_path, "run job.toml --line line.toml --json >/dev/full").returncode == 3
+
+
+def test_a_pipe_that_its_reader_closes_is_no_failure(tmp_path: Path) -> None:
+    ended = shell(tmp_path, f"runs {RUNS} --json | head -c 1")
+    assert (ended.returncode, ended.stderr) == (0, "")

@@ -252,12 +252,12 @@ def bench_plan(turnaround_ms: float | None, tmp_path: Path) -> Plan:
 
 def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> None:
     bench_plan(None, tmp_path)
-    told = invoked("plan", RECIPE, "--line", tmp_path / "line.toml").stdout
+    told = invoked("plan", "--verbose", RECIPE, "--line", tmp_path / "line.toml").stdout
     assert "a fifth of the link free: 5 Hz up to 11.50 ms response time" in told
     assert "a fifth of the link free: 10 Hz up to 11.98 ms response time" in told
     assert "assumed   0 ms: the line file has no turnaround_ms" in told
     bench_plan(16.0, tmp_path)
-    said = invoked("plan", RECIPE, "--line", tmp_path / "line.toml").stdout
+    said = invoked("plan", "--verbose", RECIPE, "--line", tmp_path / "line.toml").stdout
     assert "4 Hz up to 17.56 ms" in said
     assert "assumed   turnaround_ms of the line file" in said
     first, *_ = json.loads(

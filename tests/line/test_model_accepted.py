@@ -194,12 +194,14 @@ def test_another_name_than_the_accepted_one_is_refused_though_it_proves_the_fami
         (
             "dde",
             'model = "DIE"',
-            'Correct `family`, or the cable; if it is a dde, add model = "DIE"',
+            "correct the cable; if it is the right one, correct `family`, or, if its label says"
+            ' DDE, add model = "DIE"',
         ),
         (
             "hde",
             'model = "DME"',
-            'Correct `family`, or the cable; if it is a hde, add model = "DME"',
+            'correct the cable; if it is the right one, correct `family` to "dme", or, if its'
+            ' label says HDE, add model = "DME"',
         ),
     ],
 )
@@ -209,5 +211,5 @@ def test_without_the_key_the_refusal_says_what_to_write(family: str, sim: str, t
 
 def test_no_key_is_proposed_across_kinds() -> None:
     run = run_of("dde", "ports = [1]", HOT_AIR_CALLED_DIE.replace("DIE", "JTSE")).go()
-    assert_refused_untouched(run, 'Correct `family` (family = "jtse"), or the cable')
+    assert_refused_untouched(run, 'if it is the right one, correct `family` to "jtse"')
     assert "add model" not in run.facts.reason

@@ -84,7 +84,7 @@ def others(command: Command, text: str) -> list[Value]:
         (A, "a2", ["normal"]),
         (A, "a3", []),
         (B, "b0", ["preparing or error"]),
-        (B, "b1", ["ready"]),
+        (B, "b1", ["ready or normal"]),
         (F, "f0", ["out of range"]),
         (F, "f1", ["in range"]),
     ],

@@ -14,8 +14,10 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
+from jbclog.app.run.first_run import FIRST_DURATION, fitting_recipe
 from jbclog.app.run.options import RunOptions
 from jbclog.app.run.plan import Plan, make_plan
+from jbclog.config.durations import span_s
 from jbclog.config.line import StationSpec, load_line
 from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.family import FAMILIES
@@ -97,6 +99,13 @@ def test_it_runs_to_an_accepted_record(path: Path, recorded: Recorded) -> None:
     ]
     assert result.exit_code == (1 if path.stem in OTHERWISE else 0)
     assert check(result.folder) == []
+
+
+@every_line
+def test_what_sim_proposes_is_the_run_that_was_accepted(path: Path) -> None:
+    assert span_s(FIRST_DURATION) == SECONDS
+    if plan_of(path).wanted.recipe is not None:
+        assert fitting_recipe(path, path) == RECIPE
 
 
 @every_line

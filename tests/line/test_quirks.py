@@ -76,6 +76,16 @@ class Case:
 
 
 OVERHEAT = '\n[[station.sim.fault]]\nkind = "overheat"\nport = 1\nat_s = 4\nfor_s = 4\nby_c = 40\n'
+UNDEFINED = (
+    '\n[[station.sim.fault]]\nkind = "nak"\ncode = 99999\ncommand = "tip_temperature"\n'
+    "at_s = 4\nevery = 4\n"
+)
+RECIPE_OF_OMEGA = (
+    Path(jbclog.__file__)
+    .parents[1]
+    .joinpath("profiles/recipes/omega-point.toml")
+    .read_text(encoding="utf-8")
+)
 PLAIN = Case()
 ALE = Case("ale", "counters = {dispensed_length = 100.0, dispensed_cycles = 42}")
 
@@ -110,6 +120,8 @@ IN_A_RUN: dict[str, Case] = {
     "no_data_orders": Case("ale", act=_feed),
     "status_acknowledged_with_value": PLAIN,
     "alarm_delay_answers_ald": PLAIN,
+    "model_with_type": PLAIN,
+    "undefined_error_255": Case(sim=UNDEFINED),
 }
 AT_THE_CLIENT = {
     "address_acknowledged_from_the_new_one",
@@ -168,7 +180,7 @@ def counters(run: VirtualRun) -> list[tuple[object, ...]]:
 def test_every_quirk_is_played() -> None:
     assert set(IN_A_RUN) | AT_THE_CLIENT == set(QUIRKS)
     assert set(IN_A_RUN) & AT_THE_CLIENT == set()
-    assert set(OMEGA_QUIRKS) == {"temperature_in_degrees"}
+    assert set(OMEGA_QUIRKS) == {"temperature_in_degrees", "in_range_is_optimal"}
 
 
 def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
@@ -275,12 +287,7 @@ def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(
     """Nothing distinguishes the two units, so the event has both numbers; the run is refused,
     because the recipe requires another value.
     """
-    recipe = (
-        Path(jbclog.__file__)
-        .parents[1]
-        .joinpath("profiles/recipes/omega-point.toml")
-        .read_text(encoding="utf-8")
-    )
+    recipe = RECIPE_OF_OMEGA
     line = line_text(f"quirks = {quirk}").replace('"dde"', '"omega"')
     run = prepare(line, recipe.replace("condition = 101", "condition = 399"), 3).go()
     assert run.facts.outcome == "refused"
@@ -289,6 +296,17 @@ def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(
     assert f"condition 399: {raw} on the wire" in event.text
     assert event.raw is not None
     assert f"{int(raw):03X}" in event.raw
+
+
+@pytest.mark.parametrize(("quirk", "rows_out"), [("", 10), ("in_range_is_optimal", 14)])
+def test_that_f_has_two_meanings_is_marked_once(quirk: str, rows_out: int) -> None:
+    """Nothing on the link distinguishes the two; with the second a joint is out from its start."""
+    quirks = [quirk] if quirk else []
+    line = line_text(f"joints_per_minute = 20\nquirks = {quirks}").replace('"dde"', '"omega"')
+    run = prepare(line, RECIPE_OF_OMEGA, 30).go()
+    events = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == 55]
+    assert [(event.severity, "alarm limits" in event.text) for event in events] == [("info", True)]
+    assert [row[COLUMN["in_range"]] for row in run.memory.samples].count(False) == rows_out
 
 
 # -- what a run never sends ------------------------------------------------------------------------

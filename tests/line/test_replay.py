@@ -223,7 +223,7 @@ def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
         "is_replay",
         "begin",
     }
-    of_recipe, of_program = {"recipe"}, {"families"}
+    of_recipe, of_program = {"recipe"}, {"families", "sharers"}
     of_head = {
         "url",
         "recipe_file",

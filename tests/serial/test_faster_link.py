@@ -60,7 +60,7 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
             " = 0\n"
         )
         file.write_text(f'[line]\nname = "bench"\n[[station]]\n{keys}')
-        plan = invoked("plan", RECIPE, "--line", file, "--rate", "fit")
+        plan = invoked("plan", "--verbose", RECIPE, "--line", file, "--rate", "fit")
         assert f"at 0 ms the link may be faster than {stated} 8N1" in plan.stdout, plan.stderr
         doctor = invoked("doctor", "--line", file, "--out", tmp_path)
         assert f"(the link is faster than its stated {stated} 8N1" in doctor.stdout

@@ -36,7 +36,7 @@ def line(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_run_that_proves_a_condition(line: Path, tmp_path: Path) -> None:
-    planned = jbclog("plan", RECIPE, "--line", line)
+    planned = jbclog("plan", "--verbose", RECIPE, "--line", line)
     assert (
         "78.4 % of the link at 250 ms, the manual's maximum; highest rate 1.2 Hz" in planned.stdout
     )

@@ -23,12 +23,13 @@ from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.core.serial_line import LineFormat
 from jbclog.transport import opening
 from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
-from jbclog.transport.port import ObjectPort, Port
+from jbclog.transport.port import ObjectPort, Port, greeting_text
 from jbclog.transport.system_ports import holder_of, process_text
 from serial import rfc2217
 from support.command import until
 from support.links.far_ends import (
     Server,
+    StubbornServer,
     Terminal,
     open_descriptors,
     rfc2217_server,
@@ -267,8 +268,8 @@ def test_another_program_is_named_and_its_death_frees_the_port() -> None:
     with terminal() as far, _holding(far) as holder:
         with pytest.raises(PortBusy) as refused:
             open_port(far.url, LINE)
-        name = Path(f"/proc/{holder.pid}/comm").read_text().strip()
-        assert f"in use by process {holder.pid} ({name})" in str(refused.value)
+        assert f"in use by process {holder.pid} (a Python program)" in str(refused.value)
+        assert f"end that (`kill {holder.pid}`)" in str(refused.value)
         assert far.url in str(refused.value)
         assert "end that" in str(refused.value)
         holder.kill()
@@ -450,3 +451,70 @@ def test_an_rfc2217_server_that_sends_without_end_has_to_wait(
     sender.join(5)
     assert before
     assert capfd.readouterr().err == ""
+
+
+GREETED = 'the server closed the connection and said "Port already in use"'
+
+
+def test_a_server_that_greets_and_closes_is_quoted() -> None:
+    """As ser2net does where another client has the port."""
+    with server() as far:
+        port = open_port(far.url, LINE)
+        far.client.sendall(b"Port already in use\r\n")
+        far.client.shutdown(socket.SHUT_WR)
+        with pytest.raises(LinkError, match=GREETED):
+            until(lambda: port.read(0.05) == b"never")
+        port.close()
+
+
+def test_the_text_is_quoted_where_the_write_fails_first() -> None:
+    with server() as far:
+        port = open_port(far.url, LINE)
+        far.client.sendall(b"Port already in use\r\n")
+        far.client.close()
+        with pytest.raises(LinkError, match=GREETED):
+            until(lambda: port.write(b"x" * 64))
+        port.close()
+
+
+@pytest.mark.parametrize(
+    ("said", "shown"),
+    [
+        (b"\x1b[31mBusy\x1b[0m by host 10.0.0.7\r\n", "[31mBusy"),
+        (b"word " * 60, "word " * 23 + "word"),
+        (b"\x02" + b"0100ASMN  DDE\x03K", ""),
+        (bytes(range(128, 200)), ""),
+        (b"text " * 200, ""),
+    ],
+)
+def test_only_a_text_is_a_greeting(said: bytes, shown: str) -> None:
+    text = greeting_text(said)
+    assert shown in text
+    assert bool(text) == bool(shown)
+    assert len(text) <= 120
+    assert text.isprintable()
+
+
+@rfc2217_of_python_3_11
+@pytest.mark.parametrize(
+    ("answers", "why"),
+    [
+        ({1: 9600}, "baud rate 19200 was asked, it answered 9600; set the server's port to 19200"),
+        ({3: 3}, "parity none was asked, it answered even"),
+        ({4: 2}, "stop bits 1 was asked, it answered 2"),
+        ({2: 7}, "data bits 8 was asked, it answered 7"),
+        ({5: 3}, "flow control none was asked, it answered RTS/CTS; add `?ign_set_control`"),
+        ({5: None}, "flow control none was asked, it did not answer; add `?ign_set_control`"),
+        ({1: None}, "baud rate 19200 was asked, it did not answer"),
+    ],
+)
+def test_a_server_that_does_not_take_the_line_settings(
+    answers: dict[int, int | None], why: str
+) -> None:
+    far = StubbornServer(answers)
+    with pytest.raises(LinkError, match="does not take the line settings") as error:
+        open_port(far.url, LINE)
+    assert why in str(error.value)
+    if 5 in answers:  # what the message proposes works
+        open_port(f"{far.url}?ign_set_control", LINE).close()
+    far.end()

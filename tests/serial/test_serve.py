@@ -21,7 +21,7 @@ from jbclog.config.line import load_line
 from jbclog.core.errors import UsageError
 from jbclog.protocol.frame import Frame
 from jbclog.sim.process import SimProcess
-from support.command import until
+from support.command import PROFILES, RECIPE, until
 
 READ_MS = 27 * 10 / 19200 * 1000  # 14.06 ms: eleven characters there and sixteen back
 TIOCGEXCL = 0x80045440
@@ -310,3 +310,24 @@ def test_hundreds_of_stations_fit_into_a_small_soft_limit(tmp_path: Path) -> Non
             assert len(asked(port)) == 16
         serving.terminate()
         assert serving.wait(120) == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("bench.toml", f"jbclog run {RECIPE} --line {{served}} --duration 3m"),
+        ("dme.toml", "jbclog run --line {served} --duration 3m"),
+    ],
+)
+def test_the_command_that_records_the_served_line_is_shown(
+    tmp_path: Path, line: str, hint: str
+) -> None:
+    """`tests/line/test_profiles.py` runs these commands to an accepted record."""
+    command = [sys.executable, "-m", "jbclog", "sim", PROFILES / "lines" / line]
+    command += ["--dir", tmp_path / "sim"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as serving:
+        assert serving.stderr is not None
+        assert "ready; stop with Ctrl-C. In another terminal:" in serving.stderr.readline()
+        assert serving.stderr.readline().strip() == hint.format(served=tmp_path / "sim/line.toml")
+        serving.send_signal(signal.SIGINT)
+        serving.wait(120)

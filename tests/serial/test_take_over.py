@@ -24,6 +24,8 @@ from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import open_leases, takeover
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
+from jbclog.guard.continuity import Continuity
+from jbclog.guard.inquiry import Inquiries
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, guard_lock, registered_runs, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
@@ -236,6 +238,13 @@ def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
     return lambda: aside.rename(path)
 
 
+def retried(
+    run: Path, left: list[StationLease], lease_writer: LeaseWriter, action_log: ActionLog
+) -> None:
+    with Inquiries(run) as inquiries:
+        guard_itself._retry(run, left, (), Continuity(), inquiries, lease_writer, action_log)
+
+
 @pytest.mark.usefixtures("retried_soon")
 def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None:
     plug_in = unplugged(line, "dde-1")
@@ -247,7 +256,7 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     lease_writer.put(left)
     lease_writer.settle(60.0)
     threading.Timer(0.7, plug_in).start()
-    guard_itself._retry(run, left, (), lease_writer, action_log)
+    retried(run, left, lease_writer, action_log)
     assert (line.at_work(), (run / LEASE).exists()) == (0, False)
     # no word of failures
     assert sorted(told(run)[len(before) :]) == [
@@ -355,7 +364,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
         lease_writer.settle(60.0)
         threading.Timer(0.5, see_to_it).start()
         began = time.monotonic()
-        guard_itself._retry(run, left, (), lease_writer, ActionLog(run))
+        retried(run, left, lease_writer, ActionLog(run))
         assert time.monotonic() - began < 30
     finally:
         plug_in()
@@ -367,7 +376,7 @@ def test_it_ends_when_time_is_up(
 ) -> None:
     monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
-    guard_itself._retry(run, [stranger], (), LeaseWriter(run, ActionLog(run)), ActionLog(run))
+    retried(run, [stranger], LeaseWriter(run, ActionLog(run)), ActionLog(run))
     assert line.at_work() == 6
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from jbclog.core.errors import Problem
 from jbclog.core.goal import JOINTS, UNITS, Goal
 
 
@@ -53,6 +54,7 @@ class RunOptions:
     - `wire`: record a serial capture
     - `allow_missing`: leave out stations that do not start
     - `guard`: a guard makes the tools safe if the recorder dies
+    - `mistakes`: of the command line; the plan reports them with those of the files
 
     The run ends at the first of these: finished units, joints of all stations, `duration_s`;
     without any of them when the user ends it.
@@ -70,6 +72,7 @@ class RunOptions:
     allow_missing: bool = False
     until_units: int | None = None
     until_joints: int | None = None
+    mistakes: tuple[Problem, ...] = ()
 
     def goals(self) -> list[Goal]:
         """Return the numbers at which the run ends."""

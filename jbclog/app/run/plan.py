@@ -23,7 +23,7 @@ from jbclog.config.recipe_settings import (
     settings_for,
     station_settings_for,
 )
-from jbclog.core.errors import Problem, Problems, UsageError
+from jbclog.core.errors import Problem, Problems, UsageError, problems_of
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.omega import ConditionRecord
 from jbclog.protocol.commands.ranges import inferred_note, unit_note
@@ -220,14 +220,20 @@ class Plan:
 
 def make_plan(wanted: RunOptions) -> Plan:
     """Read and check everything. Raises `Problems` or `UsageError` with all mistakes (exit 2)."""
-    line, recipes = _load_files(wanted)
-    chosen = _chosen(line, wanted)
+    try:
+        line, recipes = _load_files(wanted)
+        chosen = _chosen(line, wanted)
+    except UsageError as error:
+        if not wanted.mistakes:
+            raise
+        raise Problems([*wanted.mistakes, *problems_of(error)]) from error
     stations = tuple(
         station_plan(spec, recipes[spec.name], wanted, line.replay)
         for spec in chosen
         if spec.name in recipes
     )
     problems = [
+        *wanted.mistakes,
         *_without_recipe(line, chosen, recipes),
         *_unused(line, chosen, wanted),
         *(problem for station in stations for problem in _mismatches(line, station)),

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
+from jbclog.app.run.identities import Identities
 from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
@@ -42,6 +43,7 @@ from jbclog.record.guard_actions import LOCK as GUARD_LOCK
 from jbclog.record.guard_actions import action_log
 from jbclog.record.manifest import iso
 from jbclog.session.run.context import SessionContext
+from jbclog.session.run.mix_ups import alike, swapped, swapped_text
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
@@ -94,11 +96,12 @@ class Recorder:
             self._clock,
             self._on_record_failure,
             seal_every_s,
-            on_facts=self._guarding.update,
+            on_facts=self._update_guard,
             folder=folder,
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
+        self._identities = Identities(plan.line, self._contexts)
         self._reactor = Reactor(
             allow_missing=plan.starts_without_missing, report=self._note_failed_look
         )
@@ -133,6 +136,7 @@ class Recorder:
             return self._refuse(str(refusal))
         self._begin()
         error = self._run_sessions()
+        self._note_mix_ups()
         self._end_units()
         self._close_captures()
         self._note_missed()
@@ -201,7 +205,7 @@ class Recorder:
         for look, what in self._looks():
             every(LOOK_EVERY_S, look, what)
         every(LOOK_AT_PORTS_EVERY_S, self._sharers.look, "Look for other programs on the ports")
-        every(RENEW_S, self._guarding.renew, "Sign of life to the guard")
+        every(RENEW_S, self._renew_guard, "Sign of life to the guard")
         if self._units is not None:
             every(LOOK_FOR_UNITS_S, self._look_for_units, "Look for serials of units")
         try:
@@ -214,6 +218,18 @@ class Recorder:
         finally:
             gc.unfreeze()
         return None
+
+    def _update_guard(self, facts: StationFacts) -> None:
+        self._guarding.update(facts)
+        if facts.touched and facts.name not in self._identities:  # later proofs go with the beat
+            self._send_identities()
+
+    def _renew_guard(self) -> None:
+        self._send_identities()
+        self._guarding.renew()
+
+    def _send_identities(self) -> None:
+        self._guarding.identify(self._identities.families(), self._identities.proofs())
 
     def _have_guard_take_over(self) -> None:
         """Let the guard make the tools safe, as sessions may be unfinished; its actions become
@@ -228,7 +244,9 @@ class Recorder:
         order = context.order
 
         def opened() -> Port:
-            return open_port(order.url, order.line)
+            port = open_port(order.url, order.line)
+            self._identities.note_opened(order.name, port)
+            return port
 
         if self._wires is None:
             self._reactor.add(run_station(context), opened, order.name)
@@ -272,6 +290,7 @@ class Recorder:
         yield self._look_at_clock, "Look at the clock"
         yield self._note_captures, "Look at the captures"
         yield self._note_sharers, "Report other programs on the ports"
+        yield self._note_mix_ups, "Compare the stations' identities"
         yield self._run_record.look, "Look at the disk"
         yield self._goals.look, "Look at the goals"
         yield self._show, "Show the run"
@@ -294,6 +313,22 @@ class Recorder:
                         " this run; end that program."
                     )
                     context.note("link.contention", Severity.ERROR, text)
+
+    def _note_mix_ups(self) -> None:
+        """Tell the sessions which stations look alike, and report swapped cables once."""
+        names = alike(self._contexts)
+        for context in self._contexts:
+            context.alike = names.get(context.name, [])
+        for first, second in swapped(self._contexts):
+            text = swapped_text(first, second)
+            for context in (first, second):
+                if context.mix_up != text:
+                    context.mix_up = text
+                    context.note(
+                        "identity.swapped", Severity.CRITICAL, f"{text[0].upper()}{text[1:]}."
+                    )
+                if context.facts.outcome == StationOutcome.REFUSED:
+                    context.facts.reason = f"{context.name}: {text}"
 
     def _look_at_clock(self) -> None:
         utc, now = self._run_record.utc, self._clock.monotonic()

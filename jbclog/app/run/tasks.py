@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 from jbclog.app.run.plan import Plan
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import StationTask
+from jbclog.transport.system_ports import sharers_text
 
 
 def station_tasks(plan: Plan, t0: float) -> Iterator[StationTask]:
@@ -32,4 +34,5 @@ def station_tasks(plan: Plan, t0: float) -> Iterator[StationTask]:
             allow_omega_write=plan.wanted.allow_omega_write,
             model=spec.model,
             may_be_missing=plan.starts_without_missing,
+            sharers=partial(sharers_text, spec.url),
         )

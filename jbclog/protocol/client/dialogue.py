@@ -449,6 +449,8 @@ class Dialogue:
             return
         if not code:
             self._note_anomaly(11, question, f"N{frame.text}")
+        if number == 255:
+            self._note_anomaly(54, question, f"N{frame.text}")
         self._settled()
         meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
         raise REFUSALS.get(number, Refusal)(

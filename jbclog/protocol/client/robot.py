@@ -6,7 +6,7 @@ The rules:
 1. A read is repeated at most `REPEATS` times. A command that clears, moves or erases something is
    sent once (docs/reference/faults.md, F-2 and F-39), and so is every write: reading back decides
    whether it succeeded. Only N 1 and N 2 prove that a write was not executed, so a setting refused
-   by them is sent again, unless the caller does that; N 99999 is sent again once.
+   by them is sent again, unless the caller does that; N 99999 and N 255 are sent again once.
 2. After a request without an answer the client drains the link, and a probe with another code must
    be answered before the same code is sent again (docs/reference/faults.md, F-5).
 3. R-DC may be answered as ACD, which is R-CD's answer (docs/reference/contradictions.md, B-36). A
@@ -50,6 +50,7 @@ from jbclog.protocol.client.dialogue import (
 from jbclog.protocol.client.interface import Permit, PreparedRead, permit_all
 from jbclog.protocol.client.question import Question
 from jbclog.protocol.commands.command import Command, Effect
+from jbclog.protocol.commands.error_tables import UNDEFINED_ERRORS
 from jbclog.protocol.commands.ranges import WITHOUT_DATA
 from jbclog.protocol.commands.robot import COMMON
 
@@ -62,7 +63,7 @@ PROBE_COMMANDS = [
     for command in COMMON
     if command.name in ("model", "station_error", "maximum_temperature")
 ]
-BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
+BADLY_FORMED = 2  # communication error
 # refused by some stations (docs/reference/contradictions.md, B-19)
 EXTRACTOR_ORDER = ("status", "00010")
 
@@ -211,7 +212,7 @@ class Station(Dialogue):
             except (*UNCERTAIN, NotReceived) as error:
                 failure = error
             except Refusal as error:
-                if error.code != UNDEFINED or tries < REPEATS:  # N 99999: once more
+                if error.code not in UNDEFINED_ERRORS or tries < REPEATS:  # once more
                     raise
                 failure = error
             else:

@@ -41,8 +41,8 @@ HOT_AIR_ROWS = (
         "The unit of the air flow is not printed",
         "the share of the station's own R-MAF in per mille; the raw numbers of R-SF, R-MIF and"
         " R-MAF stand in `settings`",
-        "No manual decides; a share needs no unit, and the raw numbers can be read anew once"
-        " somebody knows.",
+        "No manual decides; over USB, real stations send per mille of the maximum. A share needs no"
+        " unit, and the raw numbers can be read anew once somebody knows.",
         met=(
             "No manual gives the air flow a unit; its numbers are kept as they came, and sampled as"
             " shares of the greatest."
@@ -130,19 +130,34 @@ OMEGA_ROWS = (
         51,
         "A set temperature in tenths would end at 409.5 °C",
         "tenths, as for every field; the three digits are kept as they came, and marked",
-        "No text decides; only a known temperature, read back, can.",
+        "003 11.3.6 has both: a decimal point is left out (a temperature has none), and the value"
+        " is a tenth of the number. Only a known temperature, read back, can decide.",
         ("temperature_in_degrees",),
-        "A condition sets a temperature, and no document says whether its number is in tenths; it"
-        " is kept as it came.",
+        "A condition sets a temperature, and the manual has two rules for its scale; its number is"
+        " kept as it came.",
         doubtful=True,
         usual=True,
         families=OMEGA,
     ),
     Decision(
         52,
-        "E is missing, K is an example only, later pages were not found",
+        "E is missing, K is an example only, page 11 and later ones were not found",
         "A, B, C, F and G are asked; D and H only where they are allowed by name",
         "What is not described is not sent.",
+        families=OMEGA,
+    ),
+    Decision(
+        55,
+        "F has two meanings, by a setting of the controller that cannot be read",
+        '`in_range` is true at 0: with "Range" or "No check" the temperature is between the alarm'
+        ' limits, with "Setting value" it is judged optimal',
+        "003 11.3.10 prints both meanings, and no command reads the setting. The digit is kept as"
+        " it came.",
+        ("in_range_is_optimal",),
+        "F says whether the temperature is within the alarm limits or whether it is optimal, by a"
+        " setting of the controller that cannot be read; the column in_range has its digit.",
+        doubtful=True,
+        usual=True,
         families=OMEGA,
     ),
 )
@@ -291,7 +306,8 @@ STATUS = (
         18,
         'Tens of the status: "extractor" or "cooling"',
         "one flag in the column `cooling`",
-        "One digit; its name is the family's.",
+        "One digit; its name is the family's. Over USB, too, real hot air stations report heater"
+        " and cooling apart.",
     ),
     Decision(
         19,
@@ -312,7 +328,7 @@ STATUS = (
         "minutes, as 002 and 004 say; the number stands in `settings` as it came, and defaults are"
         " never assumed",
         "Nothing proves the unit but the station: right after the order to stand, R-ED is held"
-        " against the delay.",
+        " against the delay. Over USB real stations count these delays in minutes.",
         ("sleep_delay_in_seconds",),
         "Right after the order to stand, the time to sleep does not agree with a delay in minutes;"
         " both are kept as they came.",
@@ -347,7 +363,8 @@ STATUS = (
         24,
         "Reading the alarm flags clears them (000), or nothing is printed about it; 1 is set",
         "read by one reader, once for each answer; any digit but 0 is set",
-        "Flags that stay set are reported once, as flags that are raised again are.",
+        "Flags that stay set are reported once, as flags that are raised again are. Over USB, real"
+        " stations clear a set alarm temperature when it is read.",
         ("alarm_flags_of_any_digit", "alarm_flags_stay"),
         "An alarm flag is neither 0 nor 1; it is taken as set.",
     ),
@@ -355,7 +372,7 @@ STATUS = (
         25,
         "The time to sleep when nothing counts down is not printed",
         "99999, 65535, and 0 while the tool is not waiting are no time: null, `not_counting`",
-        "65535 is the value of the maker's other protocol.",
+        "65535 is the value of the maker's other protocol, seen on real stations over USB.",
         ("countdown_65535", "countdown_zero"),
         "Without a countdown the time to sleep is a number; it is read as none.",
     ),
@@ -387,7 +404,9 @@ VALUES = (
         29,
         "One tool number, several tools",
         "the number is kept; its name is the family's table, and an unknown one is tool_<n>",
-        "The number on the wire is the same whatever it is called.",
+        "The number on the wire is the same whatever it is called. For 2 and 9 the sources"
+        " disagree: 000 has T245/T470 for 2 and no 9, 002 has TRA245/TRA470 for 9, and real"
+        " stations over USB say T245 for 2 and T470 for 9.",
     ),
     Decision(
         30,
@@ -405,7 +424,7 @@ VALUES = (
         32,
         "Power in per cent in the text, in per mille in the examples",
         "per mille; more than 1000 is kept",
-        "00840 is printed as 84 %.",
+        "00840 is printed as 84 %. Over USB, real stations send per mille and clamp at 1000.",
         ("power_above_full",),
         "The power is above 1000 per mille; it is kept as it came.",
         doubtful=True,
@@ -415,8 +434,9 @@ VALUES = (
         "Model names of five characters, and models of six letters",
         "blanks on either side are left out, any length is accepted, and its beginning gives the"
         " family",
-        "UCR245 does not fit in five characters, so either the field is longer or the name is cut.",
-        ("six_letter_model", "model_cut_to_five", "model_unpadded"),
+        "UCR245 does not fit in five characters, so either the field is longer or the name is cut."
+        " Over USB, a real station's name has its type and a number behind it: JTSE_CAP_01.",
+        ("six_letter_model", "model_cut_to_five", "model_unpadded", "model_with_type"),
         "The model name is not what fills five characters;"
         " its beginning is enough to tell the family.",
     ),
@@ -474,6 +494,15 @@ VALUES = (
     ),
 )
 
+UNDEFINED_NUMBER = Decision(
+    54,
+    "The undefined communication error is N 99999, or 255 in the maker's other protocol",
+    "N 00255 is an undefined error as N 99999 is: a read is sent once more",
+    "255 is seen on real stations over USB only; no manual gives the number another meaning.",
+    ("undefined_error_255",),
+    "A refusal has the number 255; it is taken as the undefined error.",
+)
+
 PLAIN_MISPRINTS = Decision(
     53,
     "B.4, misprints without effect on the wire; W-HDx answered by ALDx (000, 4.8.24) is the one"
@@ -494,7 +523,16 @@ DECISIONS: Mapping[int, Decision] = MappingProxyType(
     {
         row.number: row
         for row in sorted(
-            (*LINK, *STATUS, *VALUES, *HOT_AIR_ROWS, *OMEGA_ROWS, PLAIN_MISPRINTS), key=_number
+            (
+                *LINK,
+                *STATUS,
+                *VALUES,
+                *HOT_AIR_ROWS,
+                *OMEGA_ROWS,
+                PLAIN_MISPRINTS,
+                UNDEFINED_NUMBER,
+            ),
+            key=_number,
         )
     }
 )

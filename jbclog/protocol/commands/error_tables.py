@@ -48,6 +48,7 @@ PORT_ERRORS = ErrorTable(
             6: "detecting the tool",
             7: "stopped: maximum power",
             8: "stopped: overload (MOS)",
+            # printed; 0 to 8 are known from real stations over USB, 9 is not
             9: "warning: overload (MOS)",
         }
     ),
@@ -62,7 +63,7 @@ STATION_ERRORS = ErrorTable(
         {
             0: "ok",
             1: "stopped: transformer overload",
-            2: "temperature sensor",
+            2: "temperature sensor of the transformer",
             3: "memory",
             4: "mains frequency",
             5: "station model",
@@ -80,5 +81,7 @@ COMMUNICATION_ERRORS = {
     4: "command not accepted",
     5: "Robot mode is off",
     6: "station model unknown",
+    255: "undefined",  # docs/reference/contradictions.md, B-54
     99999: "undefined",
 }
+UNDEFINED_ERRORS = frozenset({255, 99999})

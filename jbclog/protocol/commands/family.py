@@ -192,14 +192,16 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 robot.TOOLS_000,
                 defaults=OLD_DEFAULTS,
                 note=(
-                    "Its manual prints one model name, DDR; the others are inferred from it and"
-                    " from the newer units' names."
+                    "Its manual prints one model name, DDR; DIR, CDR, NAR and DMR are inferred from"
+                    " it and from the newer units' names, and are in no public source. A DDR has"
+                    " two ports and an HDR one (USB sources); which ports there are, R-CT decides."
                 ),
                 manual="000",
             ),
             _bench("dde", "DDE 2-tool control unit", (1, 2)),
             _bench("nae", "NAE 2-tool nano control unit", (1, 2)),
             _bench("dme", "DME 4-tool control unit", (1, 2, 3, 4)),
+            # one port by USB sources (docs/reference/manuals.md); no manual prints it: R-CT decides
             _bench("hde", "HDE heavy-duty control unit", None),
             Family(
                 "ucr",
@@ -342,15 +344,15 @@ def other_model_text(family: Family, model: str) -> str:
     """Say what to put in the line file if the model name proves another family."""
     found = (
         f"the line file says family {family.name}, the station says model {model}; nothing was"
-        " written to it. "
+        " written to it. Compare with the label on the station: if the cable leads to another"
+        " station, correct the cable"
     )
     known = family_of(model)
+    right = "" if known is None else f' to "{known.name}"'
+    advice = f"{found}; if it is the right one, correct `family`{right}"
     if model_problem(family, model) is not None:
-        right = f' (family = "{known.name}")' if known is not None else ""
-        return f"{found}Correct `family`{right}, or the cable"
-    return (
-        f"{found}Correct `family`, or the cable; if it is a {family.name}, add {accept_line(model)}"
-    )
+        return advice
+    return f"{advice}, or, if its label says {family.name.upper()}, add {accept_line(model)}"
 
 
 def model_not_accepted_text(accepted: str, model: str) -> str:

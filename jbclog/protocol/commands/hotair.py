@@ -184,18 +184,23 @@ HOT_AIR = READINGS + SETTINGS + STATION_LIMITS + COUNTERS + RESETS
 
 TOOLS = {0: "none", 1: "JT", 2: "TE"}  # 001 4.1
 
+# The causes in brackets are not printed: they are those of the same numbers over USB
+# (docs/reference/manuals.md).
 PORT_ERRORS = ErrorTable(  # 001 4.3
     "port",
     MappingProxyType(
         {
             0: "ok",
             1: "air pump malfunction",
-            2: "insufficient air flow; check for leaks, or an obstruction in the heater",
-            3: "heater malfunction; replace the heater",
+            2: (
+                "insufficient air flow; check for leaks, or an obstruction in the heater"
+                " (the protection thermocouple is too hot)"
+            ),
+            3: "heater malfunction; replace the heater (the control thermocouple is too hot)",
             4: "external thermocouple needed",
             5: "set temperature not reached",
-            6: "short circuit; replace the heater",
-            7: "wrong tool resistance",
+            6: "short circuit; replace the heater (its current is too high)",
+            7: "wrong tool resistance (too low)",
             8: "wrong heater",
             9: "no tool",
             10: "checking the tool",
@@ -213,7 +218,7 @@ STATION_ERRORS = ErrorTable(  # 001 4.4
         {
             0: "ok",
             1: "stopped: transformer overload (not used on hot air)",
-            2: "temperature sensor (not used on hot air)",
+            2: "temperature sensor of the transformer (not used on hot air)",
             3: "memory",
             4: "mains frequency",
             5: "station model",

@@ -1,9 +1,8 @@
 """Apollo Seiko OMEGA: its commands, and the values in its answers.
 
-The one available page of manual 003 has the frame, the sum and A, which is answered by "a" without
-a digit. The other commands are on its missing pages 6 to 10; they are taken from a public
-description (docs/reference/manuals.md) and marked so. No row is more certain than that, so a
-controller that answers A with "a" and nothing else is driven too.
+Manual 003 has the frame, the sum and A. Sections 11.3.2 to 11.3.13 are cited from the public copy
+of the same manual, pages 5 to 10 (docs/reference/manuals.md). It draws the digit of "a"; the page
+of manual 003 does not, so a controller that answers A with "a" and nothing else is driven too.
 
 OMEGA reports no temperature, no model and no error number, and refuses by silence.
 """
@@ -22,7 +21,7 @@ from jbclog.protocol.commands.signals import ReadInterval, Signal
 
 # A condition is stored in the controller under its number and describes one joint: rise, three
 # feeds of solder wire, each with a way back, and the times between them. On the serial line
-# (docs/reference/protocol.md, Condition record; not in manual 003)::
+# (docs/reference/protocol.md, Condition record; 003 11.3.6)::
 #
 #     0065  0  023  01E 032 005 032  00A  014 ...
 #     │     │  │    └─ fourteen more fields of three hexadecimal digits, each ten times the value
@@ -42,6 +41,7 @@ SET_TEMPERATURE: Final = 5
 CLEANING: Final = 0
 HUNDREDS: Final = (1, 2, 3)
 CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
+# seconds stand in the manual's examples; mm and mm/s are assumed: it names no unit of its feeds
 UNITS: Final = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_s", "s"))
 MOST: Final = 0xFFF
 WITHOUT_DIGIT: Final = "answered without a digit"
@@ -141,10 +141,11 @@ class ConditionRecord(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class SetTemperature(StoredRecord):
-    """Mode 5. No document says whether its two numbers are tenths, as all others are, so they stay
-    raw.
+    """Mode 5 (003 11.3.6, 11.3.7): a set temperature and the "process of set temperature".
 
-    See docs/reference/contradictions.md, B-51.
+    The manual says both that a decimal point is left out and that the value is a tenth of the
+    number; a temperature has no point, so its scale is not known and the numbers stay raw
+    (docs/reference/contradictions.md, B-51).
     """
 
     condition: int
@@ -155,8 +156,8 @@ class SetTemperature(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class Cleaning(StoredRecord):
-    """Condition 0: how long air is blown. It has no mode; no document says whether its record has a
-    digit for one.
+    """Condition 0: how long air is blown, in s. Its record is drawn without a digit for the mode,
+    in c and in D (003 11.3.6, 11.3.7).
     """
 
     air_blow_s: float
@@ -166,8 +167,8 @@ class Cleaning(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class StoredCondition:
-    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has
-    none.
+    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has none,
+    as the manual draws it.
     """
 
     unit: str = ""
@@ -265,7 +266,7 @@ def difference(asked: StoredRecord, found: StoredRecord) -> str:
 INFORMATION = Digit(
     ("normal", "solder shortage", "solder clogged", "solder shortage and clogged"), may_lack=True
 )
-CONTROL = Digit(("ready", "preparing or error"))
+CONTROL = Digit(("ready or normal", "preparing or error"))
 AT_TEMPERATURE = Digit(("in range", "out of range"))
 
 TRUE_ANSWERS = MappingProxyType(
@@ -279,22 +280,20 @@ TRUE_ANSWERS = MappingProxyType(
 """Answers that make a column true."""
 
 
-def _unseen(section: str) -> str:
-    return f"003 p. 6-10, not seen here: {section}"
-
-
 def _state(name: str, letters: str, quantity: Quantity, manual: str, note: str = "") -> Command:
     return Command(name, letters, Scope.STATION, quantity, "r", manual, answer_digits=1, note=note)
 
 
-def _order(name: str, letters: str, quantity: Quantity, limits: Limits, note: str) -> Command:
+def _order(
+    name: str, letters: str, quantity: Quantity, manual: str, limits: Limits, note: str
+) -> Command:
     return Command(
         name,
         letters,
         Scope.STATION,
         quantity,
         "w",
-        _unseen(letters),
+        manual,
         limits,
         Effect.MOVES,
         True,
@@ -308,15 +307,15 @@ OMEGA = (
         "information",
         "A",
         INFORMATION,
-        "003 11.3.1",
-        "B-48: printed as 41H(''), and answered by a; its digit is of A.13",
+        "003 11.3.1, 11.3.2",
+        "B-48: printed as 41H(''), and answered by a; its digit is drawn in 11.3.2",
     ),
     _state(
         "temperature_control",
         "B",
         CONTROL,
-        _unseen("B"),
-        "one digit for preparing and for errors: it does not distinguish them",
+        "003 11.3.3, 11.3.4",
+        "0: the output READY is high; one digit for preparing and for errors",
     ),
     Command(
         "condition",
@@ -324,7 +323,7 @@ OMEGA = (
         Scope.CONDITION,
         StoredCondition(),
         "r",
-        _unseen("C"),
+        "003 11.3.5, 11.3.6",
         answer_digits=None,
         note="B-49, B-50, B-51; an unknown number is ignored",
     ),
@@ -332,21 +331,24 @@ OMEGA = (
         "store_condition",
         "D",
         StoredCondition(),
+        "003 11.3.7, 11.3.8",
         Limits(),
-        "B-50, B-52; d only when it was taken, else silence",
+        "B-50, B-52; d only when it was taken; an unknown number or mode, or a field out of its"
+        " range (printed nowhere), is ignored",
     ),
     _state(
         "set_temperature_state",
         "F",
         AT_TEMPERATURE,
-        _unseen("F"),
-        "whether it is within the alarm range",
+        "003 11.3.9, 11.3.10",
+        "B-55: within the alarm limits, or judged optimal, by a setting that cannot be read",
     ),
-    _state("mode", "G", Digit(MODES), _unseen("G"), "of the conditions 301 to 399"),
+    _state("mode", "G", Digit(MODES), "003 11.3.11, 11.3.12", "of the conditions 301 to 399"),
     _order(
         "run_condition",
         "H",
         ConditionNumber(),
+        "003 11.3.13",
         Limits(101, 399, 1),
         "B-52; h when a point is done, i after the first stage of a slide, late; an unknown number"
         " is ignored",

@@ -69,7 +69,16 @@ def setting(
 
 
 READINGS = (
-    per_port("tip_temperature", "TT", CELSIUS, "002 R-TTx; 000 4.8.3"),
+    per_port(
+        "tip_temperature",
+        "TT",
+        CELSIUS,
+        "002 R-TTx; 000 4.8.3",
+        note=(
+            "tweezers have two tips and one number, probably their mean: a hot and a cold tip can"
+            " hide in it"
+        ),
+    ),
     per_port(
         "power",
         "PP",
@@ -412,6 +421,8 @@ TOOLS_002 = {
     6: "DR560",
     7: "NT115",
     8: "NP115/AN115",
-    9: "TRA245/TRA470",
+    # 002 prints the first two, real stations over USB say T470
+    # (docs/reference/contradictions.md, B-29)
+    9: "TRA245/TRA470/T470",
 }
 TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 
 from jbclog.core.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, PortMissing
 from jbclog.core.serial_line import LineFormat
+from jbclog.core.text import count_text
 from jbclog.protocol.commands.family import FAMILIES, accept_line
 from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.session.discovery.found import (
@@ -17,9 +18,8 @@ from jbclog.session.discovery.found import (
     StationFound,
     plan_for,
 )
+from jbclog.session.discovery.probe import MOST_KEPT
 from jbclog.session.discovery.scan import address_of
-
-SHOWN_BYTES = 12
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
 IS_IT_ON = "check that the station is on and that Robot mode is on in its menu; if so, "
@@ -74,7 +74,7 @@ def _why_not_drivable(
     if station.contradicts:
         return "line.noisy", f"and gives a different answer each time: {trouble}", FIRMLY
     if station.robot_mode is False:
-        return "robot_mode.off", "and refuses with N 00005: Robot mode is off", SWITCH_ON
+        return "robot_mode.off", "and refuses: Robot mode is off (N 5)", SWITCH_ON
     if station.address is not None and station.address not in asked and (refusal or trouble):
         return (
             "line.address",
@@ -228,9 +228,10 @@ def _ranges(numbers: list[int]) -> str:
 
 
 def _heard(report: PortReport) -> str:
+    """Say how much came and at which line format; the bytes are in the report."""
     line, data = next(iter(report.garbage.items()))
-    more = " …" if len(data) > SHOWN_BYTES else ""
-    return f"{data[:SHOWN_BYTES].hex(' ')}{more} at {line}"
+    more = " or more" if len(data) >= MOST_KEPT else ""
+    return f"{count_text(len(data), 'byte')}{more} at {line}"
 
 
 def _next_try(report: PortReport) -> str:

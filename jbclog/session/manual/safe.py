@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Final
 
 from jbclog.core.errors import LinkError, LinkFlooded, StartRefused, StationError
-from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import OFF
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
@@ -33,6 +33,7 @@ from jbclog.session.manual.contact import (
     open_contact,
 )
 from jbclog.session.manual.read import believed
+from jbclog.session.safety.blind import blind_word, write_unanswered
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
@@ -196,7 +197,7 @@ class StationMadeSafe:
     information.
 
     `feeder` is ``stopped``, ``running`` (it could not be stopped) or None if there is none. `empty`
-    lists ports without a tool.
+    lists ports without a tool. `is_unanswered`: its port could be opened, and nothing usable came.
     """
 
     target: Target
@@ -207,6 +208,7 @@ class StationMadeSafe:
     feeder: str | None = None
     problem: str | None = None
     note: str | None = None
+    is_unanswered: bool = False
 
     @property
     def is_safe(self) -> bool:
@@ -285,6 +287,30 @@ def _order_over_flood(
         else:
             one.problem = _unconfirmed(tool, task)
         made.tools.append(one)
+
+
+def order_unanswered(target: Target, made: StationMadeSafe) -> Steps[None]:
+    """Stop the feeder, and order the family's safe state once on every port of line file or family,
+    without asking which station it is. Raises `LinkError`.
+    """
+    family = target.family
+    if family is None:
+        return
+    word = blind_word(family, suction=False, mixed=False)
+    if word is None:
+        return
+    client = client_for(family, target.line, target.address)
+    client.unasked((yield Wait(0.0)))
+    client.unasked((yield Reopen()))
+    if family.has_feeder:
+        yield from write_unanswered(client, family, "stop_feeding", 0)
+        made.feeder = FeederState.RUNNING  # as far as anybody knows
+    state = family.status.state(word)
+    for port in target.ports or family.ports or PORTS:
+        problem = f"{state} was ordered once without an answer, not confirmed: {SWITCH_OFF}"
+        if not (yield from write_unanswered(client, family, "status", word, port)):
+            problem = f"{state} could not be sent: {SWITCH_OFF}"
+        made.tools.append(MadeSafe(port, None, ordered=state, problem=problem))
 
 
 def _unconfirmed(tool: ToolSafety, task: SafetyTask) -> str:

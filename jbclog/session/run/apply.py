@@ -60,6 +60,7 @@ def apply_status(context: SessionContext) -> Steps[None]:
     """Put the tools to work or to rest, as the recipe requires. Raises `StartRefused`."""
     at_work = [port for port in context.ports.values() if _works(context, port)]
     if context.recipe.run.status is not None or _orders_suction(context):
+        context.has_ordered_status = True
         yield from _apply_status(context)
     for port in context.ports.values():
         note_status(port)

@@ -26,6 +26,41 @@ from jbclog.protocol.commands.status import StatusWord
 EXAMINED, PREPARED, HEATED = 1, 2, 3
 
 
+LIKE_HOURS = 1  # counters count whole hours: two that differ by one can be the same
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a station says of itself; None and missing ports: not known. `hours`: port -> plugged
+    hours.
+    """
+
+    model: str | None = None
+    software: str | None = None
+    hours: Mapping[int, int] = field(default_factory=dict)
+
+    def may_be(self, other: Identity) -> bool:
+        """Return True if nothing that is known of both tells them apart."""
+        if self.model is None or self.model != other.model:
+            return False
+        if None not in (self.software, other.software) and self.software != other.software:
+            return False
+        return all(
+            abs(hours - other.hours[port]) <= LIKE_HOURS
+            for port, hours in self.hours.items()
+            if port in other.hours
+        )
+
+    def compared(self) -> str:
+        """Name what a return can be checked by: ``model, software version and plugged hours``."""
+        names = ["model"]
+        if self.software is not None:
+            names.append("software version")
+        if self.hours:
+            names.append("plugged hours")
+        return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
 @dataclass(frozen=True, slots=True)
 class StationTask:
     """What a run requires of one station.
@@ -35,7 +70,7 @@ class StationTask:
     link's time in reserve), ``fit`` (the recipe's, or the best that fits), or ``max`` (without
     pause); None for the recipe's. `is_replay`: the station is a recorded one, sampled at its rate
     even if the host cannot keep up. `t0` is the run's zero on the monotonic clock; `duration_s` is
-    None for a run without a stated end.
+    None for a run without a stated end. `sharers` says which other programs have the port open.
     """
 
     name: str
@@ -57,6 +92,7 @@ class StationTask:
     model: str | None = None
     # number of the first tick, and seconds until it is due once everything is read
     begin: tuple[int, float] | None = None
+    sharers: Callable[[], str] = lambda: ""
 
 
 @dataclass(slots=True)
@@ -128,6 +164,7 @@ class SessionContext:
         self.not_supported: set[str] = set()
         self.step = EXAMINED  # current step of the start
         self.has_started = False
+        self.has_ordered_status = False  # of any tool; earlier readings may no longer hold
         self.written: list[str] = []  # settings changed at the start, with their previous values
         self.tries = 1  # of decisive reads; more during the start
         self.feeder_touched = False
@@ -145,13 +182,18 @@ class SessionContext:
         self.link_is_faster: str | None = None  # than its stated line format, in words
         # by port, with the time of the reading
         self.plugged_hours: dict[int, tuple[int, float]] = {}
-        self.identity_at: dict[str, float] = {}  # when model and software were last confirmed
+        # when model and software were last confirmed; empty after signs of another station
+        self.identity_at: dict[str, float] = {}
         self.is_flooded = False  # its link is flooded, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood
         # of a port so far, for display
         self.count_readings: Callable[[int], ReadingCount] = lambda port: ReadingCount(0, 0)
         self.stranger: str | None = None  # description of another station found in its place
+        self.answers_as: Identity | None = None  # what that station said of itself
+        self.has_identity = False  # the station was identified as the right one at the start
+        self.alike: list[str] = []  # stations of the line that nothing on the link tells from it
+        self.mix_up: str | None = None  # why another station answers, once that is known
         self._family = order.family
         self.facts = StationFacts(
             name=order.name,

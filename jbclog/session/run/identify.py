@@ -24,7 +24,7 @@ from jbclog.protocol.commands.family import (
     other_model_text,
     unknown_model_text,
 )
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import Identity, PortState, SessionContext
 from jbclog.session.run.identity import learn_identity
 from jbclog.session.run.link_loss import report_flood
 
@@ -97,8 +97,10 @@ def _no_answer(context: SessionContext, error: StationError, tries: int) -> str:
     order, is_robot = context.order, not context.family_known or context.family.protocol == ROBOT
     mode = "Robot mode is switched on in its menu, " if is_robot else ""
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
+    sharers = order.sharers()
+    first = f"{sharers}; " if sharers else ""
     return (
-        f"{context.name}: no usable answer on {order.url} at {order.line.baudrate}"
+        f"{context.name}: {first}no usable answer on {order.url} at {order.line.baudrate}"
         f" {order.line.format}, {addressing} ({error}, in {tries}"
         f" {'try' if tries == 1 else 'tries'}); check that the station is on, {mode}the cable, and"
         " the line format; `jbclog doctor --line` looks for the reason"
@@ -107,6 +109,7 @@ def _no_answer(context: SessionContext, error: StationError, tries: int) -> str:
 
 def _learn_family(context: SessionContext) -> Steps[None]:
     model = context.facts.model or ""
+    context.answers_as = Identity(context.facts.model)
     if context.order.model is not None:
         if model != context.order.model:
             raise StartRefused(
@@ -126,6 +129,7 @@ def _learn_family(context: SessionContext) -> Steps[None]:
         raise StartRefused(
             f"{context.name}: recipe {context.recipe.name} is not for family {context.family.name}"
         )
+    context.answers_as = None
     if "software_version" in context.family.commands:
         context.facts.software = yield from _software(context)
 

@@ -16,7 +16,7 @@ from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.protocol.client.confirmed_reads import read_confirmed, unanswered_read
 from jbclog.session.rates import IDENTITY_READS
-from jbclog.session.run.context import SessionContext
+from jbclog.session.run.context import Identity, SessionContext
 
 RESOLUTION_H = 1  # the counters count whole hours
 DRIFT = 0.01  # maximum drift between the station's clock and ours
@@ -28,6 +28,7 @@ def learn_identity(context: SessionContext) -> Steps[None]:
     later.
     """
     context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
+    context.has_identity = True
     for number in context.ports:
         hours = yield from _hours(context, number)
         if hours is not None:
@@ -41,11 +42,12 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
 
     Raises `StationError` or `LinkError` if it cannot be read.
     """
-    other = (
-        f"a {model}, not the {context.facts.model}"
-        if model != context.facts.model
-        else (yield from _difference(context))
-    )
+    context.answers_as = None
+    if model != context.facts.model:
+        context.answers_as = Identity(model)
+        other: str | None = f"a {model}, not the {context.facts.model}"
+    else:
+        other = yield from _difference(context)
     if other is None and context.facts.model_accepted:
         other = yield from _other_kind(context)
     context.is_proven = other is None
@@ -98,10 +100,12 @@ def _difference(context: SessionContext) -> Steps[str | None]:
             context.command("software_version"), known=software
         )
         if found != software:
+            context.answers_as = Identity(model, str(found))
             return f"a {model} with software {found}, not the one with {software}"
     for number, (before, then) in context.plugged_hours.items():
         hours = yield from _hours(context, number, before)
         if hours is not None and not _can_be(hours, before, context.now - then):
+            context.answers_as = Identity(model, software, {number: hours})
             return (
                 f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
             )

@@ -92,6 +92,8 @@ def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
     beginning.
     """
     before = port.states.get("in_range")
+    if before is None:
+        context.station.anomalies.meet(55, "set temperature state", context.station.data)
     is_in = value in TRUE_ANSWERS["in_range"]
     if before is None or before[0] != value:
         port.states["in_range"] = (value, context.now)

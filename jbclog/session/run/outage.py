@@ -8,7 +8,14 @@ F-16 and F-17).
 
 from __future__ import annotations
 
-from jbclog.core.errors import LinkError, LinkFlooded, RobotModeOff, StartRefused, StationError
+from jbclog.core.errors import (
+    LinkError,
+    LinkFlooded,
+    OtherStation,
+    RobotModeOff,
+    StartRefused,
+    StationError,
+)
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
@@ -25,6 +32,7 @@ from jbclog.session.run.link_loss import (
     report_flood,
     report_loss,
 )
+from jbclog.session.run.mix_ups import identity_of
 from jbclog.session.run.sampling import Sampler, StationLost
 from jbclog.session.run.watch import report_change, stop_on
 
@@ -44,6 +52,8 @@ def outage(context: SessionContext, sampler: Sampler, tick: int, lost: StationLo
     """
     report_loss(context, lost.cause)
     context.is_proven &= not isinstance(lost.cause, LinkError)
+    if isinstance(lost.cause, OtherStation):
+        context.identity_at.clear()
     sampler.begin_outage(tick)
     return (yield from sampler.watched(_bridge(context, sampler, tick, lost)))
 
@@ -72,6 +82,13 @@ def _bridge(context: SessionContext, sampler: Sampler, tick: int, lost: StationL
         _resume(context, began, why, held)
         return tick
     silent_s, waited_s = context.now - last_heard, context.now - over
+    if context.mix_up is not None:
+        raise StationGone(f"{context.name}: {context.mix_up}")
+    if context.stranger is not None:
+        raise StationGone(
+            f"{context.name}: another station answers on {context.order.url}, {context.stranger} of"
+            " this run; compare with the label on the station, and correct the cable"
+        )
     raise StationGone(
         f"{context.name}: not reachable for the last {silent_s:.1f} s; waited {waited_s:.0f} s"
         f" after the end of the run ({lost})"
@@ -107,11 +124,20 @@ def _report_return(context: SessionContext, began: float, why: str) -> None:
     note_flood_over(context)
     away = context.now - began
     kind = "robot.on" if why == "robot_off" else "link.back"
-    known = "its identity and settings have been read again"
-    if not context.family.models:
+    if context.family.models:
+        compared = identity_of(context).compared()
+        known = f"{compared} as before; its settings have been read again"
+    else:
         known = "whether it is the same one cannot be told, because it does not say who it is"
     text = f"The station is back after {away:.1f} s; {known}."
     context.note(kind, Severity.INFO, text, since=began, value=round(away, 3))
+    if context.alike:
+        others = ", ".join(context.alike)
+        doubt = (
+            f"Nothing that the station says tells it from {others}: it may be one of these, if"
+            " cables were exchanged meanwhile. Compare with the label on the station."
+        )
+        context.note("identity.not_known", Severity.WARNING, doubt, since=began)
     context.publish()
 
 

@@ -176,3 +176,60 @@ def are_closed_again(before: int) -> bool:
     `CLOSE_S` at most, and a busy machine may run it later.
     """
     return until(lambda: open_descriptors() <= before)
+
+
+class StubbornServer:
+    """An rfc2217 server, written from RFC 2217, that answers a setting with what it likes.
+
+    `answers`: command of the client (1 baud rate, 2 data bits, 3 parity, 4 stop bits, 5 control) ->
+    the value that it answers; None: no answer.
+    """
+
+    IAC, SE, SB, WILL, WONT, DO, DONT = 255, 240, 250, 251, 252, 253, 254
+    COM_PORT = 44
+
+    def __init__(self, answers: dict[int, int | None]) -> None:
+        self._answers = answers
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.url = f"rfc2217://127.0.0.1:{self._listening.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def end(self) -> None:
+        self._listening.close()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = self._listening.accept()
+                threading.Thread(target=self._talk, args=(client,), daemon=True).start()
+
+    def _talk(self, client: socket.socket) -> None:
+        waiting = b""
+        with contextlib.suppress(OSError), client:
+            while data := client.recv(1024):
+                waiting = self._answer_all(client, waiting + data)
+
+    def _answer_all(self, client: socket.socket, data: bytes) -> bytes:
+        """Answer every complete command; return the rest."""
+        while len(data) >= 3 and data[0] == self.IAC:
+            if data[1] == self.SB:
+                end = data.find(bytes((self.IAC, self.SE)))
+                if end < 0:
+                    return data
+                self._answer(client, data[3], data[4:end])
+                data = data[end + 2 :]
+            else:
+                agreed = {self.WILL: self.DO, self.DO: self.WILL}.get(data[1])
+                if agreed is not None:
+                    client.sendall(bytes((self.IAC, agreed, data[2])))
+                data = data[3:]
+        return data
+
+    def _answer(self, client: socket.socket, command: int, asked: bytes) -> None:
+        value: bytes | None = asked
+        if command in self._answers:
+            wanted = self._answers[command]
+            value = None if wanted is None else wanted.to_bytes(len(asked), "big")
+        if value is not None:
+            head = bytes((self.IAC, self.SB, self.COM_PORT, command + 100))
+            client.sendall(head + value + bytes((self.IAC, self.SE)))

@@ -29,6 +29,10 @@ MEANINGS: Mapping[Exit, str] = {
         "A tool could not be put in its safe state. The last lines name station, port and last"
         " temperature."
     ),
+    Exit.OUTPUT: (
+        "Standard output could not be written (full disk). In place of 0 or 1; what the command"
+        " recorded or sent is as it would have been. A pipe that its reader closes is no error."
+    ),
     Exit.INTERRUPTED: (
         "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools"
         " safe. Also `watch` at Ctrl-C."

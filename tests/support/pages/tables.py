@@ -57,7 +57,10 @@ MEANINGS: Mapping[str, str] = {
         "each due value that is null, with its reason: `power_permille=timeout;alarm_high=nak3`. A"
         " null without a reason was not due"
     ),
-    "samples.temperature_c": "temperature of the tip; on hot air of the air",
+    "samples.temperature_c": (
+        "temperature of the tip; on hot air of the air; of tweezers one number, probably the mean"
+        " of two tips: a hot and a cold tip can hide in it"
+    ),
     "samples.power_permille": "power, share of the rated power",
     "samples.status": "`working` `stand` `sleep` `hibernation`; on hot air `on` `off`",
     "samples.cooling": "extractor state; on hot air cooling",
@@ -78,7 +81,10 @@ MEANINGS: Mapping[str, str] = {
     "samples.solder_shortage": "`omega`: no solder left",
     "samples.clogged": "`omega`: solder clogged",
     "samples.preparing": "`omega`: preparing, or an error; one answer means both",
-    "samples.in_range": "`omega`: temperature within its range",
+    "samples.in_range": (
+        "`omega`: temperature within its alarm limits, or judged optimal, by a setting of the"
+        " controller that cannot be read (B-55)"
+    ),
     "events.seq": "number of the event, from 0",
     "events.time": "when jbclog noticed it",
     "events.earliest": "start of the interval in which it happened",

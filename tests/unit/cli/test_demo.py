@@ -19,7 +19,7 @@ def test_a_busy_computer_adds_outages_and_takes_none_away(outages: int, expected
     """A station whose answers were late for a second was out of reach, too."""
     facts = StationFacts(DROPPED, "x", "dde", outcome="completed", outages=outages)
     shown = _shown(Result(Path("x"), Exit.FINE, [], Manifest("x", stations=[facts])))
-    assert shown[f"{DROPPED} disconnected for 3 s and reconnected"] is expected
+    assert shown[f"{DROPPED} lost its cable for 3 s and was recorded again after that"] is expected
 
 
 def test_a_start_that_takes_long_does_not_come_too_late_for_its_faults(tmp_path: Path) -> None:

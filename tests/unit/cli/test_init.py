@@ -147,7 +147,7 @@ def test_nothing_is_overwritten(tmp_path: Path, name: str) -> None:
 
 
 def test_a_folder_is_made_with_its_files(tmp_path: Path) -> None:
-    assert answered(tmp_path / "a" / "b", HAND[:4]).exit_code == 1
+    assert answered(tmp_path / "a" / "b", HAND[:4]).exit_code == 2
     assert list(tmp_path.iterdir()) == []  # not before the last answer
     assert answered(tmp_path / "a" / "b", HAND).exit_code == 0
     assert {one.name for one in (tmp_path / "a" / "b").iterdir()} == {"line.toml", "recipe.toml"}
@@ -158,7 +158,7 @@ def test_a_folder_is_made_with_its_files(tmp_path: Path) -> None:
 
 
 def test_answers_that_end_early_write_nothing(tmp_path: Path) -> None:
-    assert answered(tmp_path, HAND[:4]).exit_code == 1
+    assert answered(tmp_path, HAND[:4]).exit_code == 2
     assert list(tmp_path.iterdir()) == []
 
 
@@ -192,3 +192,54 @@ def test_ctrl_c_at_a_question_is_an_interruption(tmp_path: Path) -> None:
         assert asking.stderr.read(4) == b"Find"
         assert interrupted(asking) == Exit.INTERRUPTED
     assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_terminal_it_names_the_options_that_answer(tmp_path: Path) -> None:
+    ended = invoked("init", tmp_path, input="")
+    assert ended.exit_code == 2
+    assert "Aborted" not in ended.stderr
+    answers = (
+        "--scan PORT or --station FAMILY=PORT, --recipe NAME, --tip-c C, for hot air --air-c C"
+    )
+    assert ended.stderr.endswith(f"answer them with options: {answers}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_answer_every_question(tmp_path: Path) -> None:
+    stations = ["--station", "dde=/dev/ttyUSB7", "--station", "jtse=socket://10.0.0.4:4001"]
+    answers = ["--recipe", "first", "--tip-c", "355", "--air-c", "310"]
+    assert invoked("init", tmp_path, *stations, *answers, input="").exit_code == 0
+    assert [one.name for one in load_line(tmp_path / "line.toml").stations] == ["dde-1", "jtse-1"]
+    assert "select_c = 355 " in (tmp_path / "recipe-tips.toml").read_text()
+    assert "temperature_c = 310 " in (tmp_path / "recipe-hot-air.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--station", "ddde=x"], "--station ddde: unknown; did you mean dde?"),
+        (["--station", "dde"], "--station dde: must be FAMILY=PORT"),
+        (["--station", "dde=sockets://x"], 'the kind of port "sockets" is unknown'),
+        (["--station", "dde=x", "--recipe", "a b"], "--recipe a b: must be 1 to 64"),
+        (
+            ["--station", "dde=x", "--recipe", "a", "--tip-c", "351"],
+            "--tip-c 351: must be whole °C, 90 to 450 in steps of 5",
+        ),
+    ],
+)
+def test_a_wrong_option_is_refused(tmp_path: Path, options: list[str], why: str) -> None:
+    ended = invoked("init", tmp_path, *options, input="")
+    assert ended.exit_code == 2
+    assert why in ended.stderr
+
+
+def test_an_empty_answer_is_asked_for_again_with_the_reason(tmp_path: Path) -> None:
+    done = answered(tmp_path, ["hand", "", *HAND[1:]])
+    assert done.exit_code == 0, done.output
+    assert "Error: an answer is required; Ctrl-C ends without writing" in done.stderr
+
+
+def test_the_example_of_a_port_is_one_of_this_system(tmp_path: Path) -> None:
+    asked = answered(tmp_path, HAND).stderr
+    assert "COM3" not in asked
+    assert "Its port (/dev/" in asked

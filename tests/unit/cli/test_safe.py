@@ -6,15 +6,17 @@ import json
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from jbclog.app import safe_state
+from jbclog.cli.app import app
 from jbclog.core.errors import LinkError
 from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.protocol.commands.robot import TOOLS_002
 from jbclog.sim.port import WORKING
 from support.campaigns.awaited import LEFT_HOT_NOTED
 from support.faults.guarded import actions_in
-from support.virtual.manual import Bench, Make, says, station_text
+from support.virtual.manual import Bench, Ended, Make, says, station_text
 
 STAND = "WPS100001"
 T210, T245 = TOOLS_002[1], TOOLS_002[2]
@@ -479,3 +481,84 @@ def test_json_tells_what_follows(make: Make) -> None:
         None,
     )
     assert tool["text"] == "set to stand, 350 °C, sleeps in 5 min"
+
+
+# -- stations that do not answer -------------------------------------------------------------------
+
+JTSE = "WPS100010"
+
+
+def insisted(bench: Bench, reply: str) -> Ended:
+    words = ["safe", "--unanswered", "--line", str(bench.line)]
+    ended = CliRunner().invoke(app, words, obj=bench.access, input=reply)
+    return Ended(ended.exit_code, ended.stdout, ended.stderr)
+
+
+def silenced(bench: Bench, *names: str) -> Bench:
+    """They hear, and do not answer."""
+    for name in names:
+        bench.wires[name].station.receive = lambda data, now: []  # type: ignore[method-assign,union-attr]
+    return bench
+
+
+@pytest.mark.usefixtures("own_state")
+@pytest.mark.parametrize(
+    ("station", "family", "orders"),
+    [
+        ("dde-1", "dde", [STAND, "WPS200001"]),
+        ("ale-1", "ale", ["WSTP00000", STAND]),
+        ("jtse-1", "jtse", [JTSE]),
+    ],
+)
+def test_who_insists_orders_a_silent_station_once(
+    make: Make, tmp_path: Path, station: str, family: str, orders: list[str]
+) -> None:
+    bench = silenced(make(station_text(station, family)), station)
+    run = tmp_path / "run"
+    run.mkdir()
+    url = bench.target(station).url
+    lease = StationLease(station, url, 19200, "8N1", 1, family, "X", None, "", (1,), feeds=False)
+    write_leases(run, [lease])
+    before = bench.do("safe")
+    assert before.code == 5
+    assert writes(bench, station) == []
+    ended = insisted(bench, "y\n")
+    assert ended.code == 5
+    assert writes(bench, station) == orders
+    for words in (station, "another station", "would be warmed"):
+        assert words in ended.err
+    assert f"{station} port 1 (tool unknown): NOT SAFE" in ended.out
+    ((kind, _, port, text),) = actions_in(run)
+    assert (kind, port) == ("safety.not_safe", 1)
+    assert text.startswith("jbclog safe --unanswered: ")
+    assert "was ordered once without an answer, not confirmed" in text
+    assert read_leases(run) == [lease]
+
+
+@pytest.mark.usefixtures("own_state")
+@pytest.mark.parametrize("reply", ["", "n\n"])
+def test_who_does_not_say_yes_orders_nothing(make: Make, reply: str) -> None:
+    bench = silenced(make(station_text("dde-1", "dde")), "dde-1")
+    ended = insisted(bench, reply)
+    assert (ended.code, writes(bench, "dde-1")) == (5, [])
+    assert "nothing sent. Switch the station off" in ended.err
+
+
+@pytest.mark.usefixtures("own_state")
+@pytest.mark.parametrize("other", ["jtse", "auto"])
+def test_on_a_mixed_line_nobody_is_asked(make: Make, other: str) -> None:
+    sim = 'model = "DDE"' if other == "auto" else ""
+    stations = station_text("dde-1", "dde"), station_text("other", other, sim=sim)
+    bench = silenced(make(*stations), "dde-1")
+    ended = insisted(bench, "y\n")
+    assert (ended.code, writes(bench, "dde-1")) == (5, [])
+    assert "nothing sent to dde-1" in ended.err
+    assert "Switch the station off" in ended.err
+
+
+@pytest.mark.usefixtures("own_state")
+def test_a_station_that_answers_is_never_ordered_without_an_answer(make: Make) -> None:
+    bench = put_to_work(make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}")))
+    ended = insisted(bench, "y\n")
+    assert (ended.code, ended.err) == (0, "")
+    assert writes(bench, "dde-1") == [STAND]

@@ -71,9 +71,20 @@ def said(cables: dict[str, Cable], *options: str) -> tuple[int, str]:
     return ended.exit_code, ended.stdout
 
 
-def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent() -> None:
+class Babble:
+    """A device of another kind: it answers anything with the same bytes."""
+
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        return [(now + 0.01, b"\xff\xfe\xfd")]
+
+
+FRAME = "02 30 30 30 31 52 53 4d 4e 03 02"
+
+
+@pytest.mark.parametrize("options", [(), ("--verbose",)])
+def test_a_station_is_told_in_a_few_lines_and_frames_with_verbose(options: tuple[str, ...]) -> None:
     cable = station_cable("ucr", sim="tool = 9\nturnaround_ms = 2.0")
-    code, text = said({"/dev/ttyUSB0": cable})
+    code, text = said({"/dev/ttyUSB0": cable}, *options)
     assert code == 0
     assert text.splitlines()[:6] == [
         "/dev/ttyUSB0  UCR245, family ucr",
@@ -83,8 +94,21 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent() -> None
         "  ports       1 TRA245/TRA470",
         "  response    2.00 ms median, 2.00 ms 99th percentile",
     ]
-    assert f"Sent {len(cable.asked)} queries; wrote and cleared nothing:" in text
-    assert "     2 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
+    sent = f"Sent {len(cable.asked)} queries; wrote and cleared nothing"
+    if options:
+        assert f"{sent}:\n" in text
+        assert f"     2 × model, to address 01, at 19200 8N1: {FRAME}\n" in text
+    else:
+        assert text.endswith(f"{sent} (--verbose lists them).\n")
+        assert FRAME not in text
+
+
+def test_bytes_that_are_no_answer_are_counted_in_words_and_shown_with_verbose() -> None:
+    cable = {"/dev/ttyUSB0": Cable(Babble(), LineFormat())}
+    _, text = said(cable)
+    assert "data arrives, but fits no line format that was tried: 9 bytes at 19200 8N1" in text
+    assert "ff fe" not in text
+    assert "  bytes       at 19200 8N1: ff fe" in said(cable, "--verbose")[1]
 
 
 def test_a_named_port_without_a_station_ends_with_1_and_the_step() -> None:

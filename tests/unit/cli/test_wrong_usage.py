@@ -37,6 +37,9 @@ def refused(*arguments: str) -> str:
     return ended.stderr
 
 
+ONE_PROBLEM = "1 problem; nothing sent\n"
+
+
 @pytest.mark.parametrize(
     "option", ["--operator", "--order", "--product", "--unit", "--wire-lot", "--flux-lot", "--tip"]
 )
@@ -52,14 +55,16 @@ def refused(*arguments: str) -> str:
 def test_texts_that_cannot_be_signed(place: Path, option: str, text: str, why: str) -> None:
     assert (
         refused("run", "job.toml", "--line", "line.toml", option, text)
-        == f"error: {option}: {why}\n"
+        == f"error: {option}: {why}\n{ONE_PROBLEM}"
     )
     assert not (place / "runs").exists()
 
 
 @pytest.mark.parametrize("bare", ["5", "1.5", "1h30"])
 def test_a_duration_needs_its_unit(place: Path, bare: str) -> None:
-    expected = f"error: --duration {bare}: give the unit: {bare}s, {bare}m or {bare}h\n"
+    expected = (
+        f"error: --duration {bare}: give the unit: {bare}s, {bare}m or {bare}h\n{ONE_PROBLEM}"
+    )
     assert refused("run", "job.toml", "--line", "line.toml", "--duration", bare) == expected
     assert not (place / "runs").exists()
 
@@ -90,7 +95,7 @@ def test_a_dry_run_asks_for_nothing_and_says_what_run_will_ask_for(place: Path) 
 
 def test_a_tag_has_one_value(place: Path) -> None:
     told = refused("run", "job.toml", "--line", "line.toml", "--tag", "shift=1", "--tag", "shift=2")
-    assert told == "error: --tag shift=2: shift is given twice\n"
+    assert told == f"error: --tag shift=2: shift is given twice\n{ONE_PROBLEM}"
 
 
 def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> None:

@@ -15,10 +15,13 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.core.clock import elapsed
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease as leases
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
+from jbclog.guard.continuity import Continuity
+from jbclog.guard.inquiry import Inquiries
 from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.watch import HUNG_S, GuardLost, Recorder, Verdict, Watch
@@ -84,7 +87,8 @@ def guarded(
     action_log = ActionLog(folder)
     monkeypatch.setattr(guard_itself, "_watch", watch)
     monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
-    return guard_itself._guard(recorder, LeaseWriter(folder, action_log), action_log), len(watched)
+    writer = LeaseWriter(folder, action_log)
+    return guard_itself._guard(Watch(time.monotonic()), recorder, writer, action_log), len(watched)
 
 
 @pytest.mark.usefixtures("answers")
@@ -163,10 +167,8 @@ def test_nothing_is_taken_over_where_all_is_done(
     monkeypatch.setattr(guard_itself, "_watch", lambda *_, answers: verdict)
     monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
     expected = ((), ()) if verdict is Verdict.DONE else ("taken over", ())
-    assert (
-        guard_itself._guard(Other(is_gone=False), LeaseWriter(tmp_path, action_log), action_log)
-        == expected
-    )
+    writer, recorder = LeaseWriter(tmp_path, action_log), Other(is_gone=False)
+    assert guard_itself._guard(Watch(0.0), recorder, writer, action_log) == expected
     assert os.read(answers, 99) == guard_itself.READY  # the recorder sees that it is there
 
 
@@ -205,9 +207,13 @@ def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
     class TakesOver:
         flooded = frozenset({"dde-1"})
 
-        def __init__(self, stations: list[StationLease], action_log: ActionLog) -> None:
+        def __init__(
+            self, stations: list[StationLease], action_log: ActionLog, *, continuity: Continuity
+        ) -> None:
             assert ends == ended  # before anybody opens a port that it may hold
             assert stations == [LEASE]
+            assert continuity is watch.continuity
+            assert 0 <= elapsed() - continuity.died_at < 60
 
         def run(self) -> list[StationLease]:
             return left
@@ -264,5 +270,8 @@ def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_le
     monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.01)
     monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 60.0)
     began = time.monotonic()
-    guard_itself._retry(tmp_path, [LEASE], (), lease_writer, action_log)
+    with Inquiries(tmp_path) as inquiries:
+        guard_itself._retry(
+            tmp_path, [LEASE], (), Continuity(), inquiries, lease_writer, action_log
+        )
     assert time.monotonic() - began < 30

@@ -388,6 +388,8 @@ class _Lost:
 
     def __init__(self, *_: object) -> None: ...
 
+    def identify(self, *_: object) -> None: ...
+
     def renew(self) -> None:
         raise GuardLost("gone")
 

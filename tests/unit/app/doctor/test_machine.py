@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from collections import namedtuple
@@ -16,12 +17,14 @@ import pytest
 from jbclog.app import doctor
 from jbclog.app.discovery import search
 from jbclog.app.doctor import (
+    MODEM_MANAGER,
     Fine,
     Looked,
     clock_is_kept,
     look_at_clock,
     look_at_folder,
     look_at_holder,
+    look_at_modem_manager,
     look_at_timer,
     look_at_usb_port,
     permission_step,
@@ -29,6 +32,7 @@ from jbclog.app.doctor import (
 from jbclog.core.errors import PortBusy
 from jbclog.session.discovery.found import ScanFinding, ScanPlan
 from jbclog.transport.system_ports import UsbPort
+from support.command import until
 from support.links.far_ends import terminal
 
 NOW = 1_795_000_000.0  # November 2026
@@ -183,6 +187,26 @@ def test_a_port_that_another_program_has_open_without_a_lock() -> None:
         assert isinstance(report.broken, PortBusy)
         assert f"process {process}" in str(report.broken)
         assert report.sent.total() == 0
+
+
+def test_modem_manager_is_named_with_the_rule_that_keeps_it_away(tmp_path: Path) -> None:
+    named = tmp_path / MODEM_MANAGER
+    named.symlink_to(shutil.which("sleep") or "/bin/sleep")
+    assert look_at_modem_manager() == []
+    with (
+        terminal() as far,
+        open(far.url, "rb+", buffering=0) as port,  # noqa: PTH123  # a device
+        subprocess.Popen([named, "60"], stdin=port, close_fds=True) as process,
+    ):
+        assert until(lambda: look_at_modem_manager() != [])
+        (machine,) = look_at_modem_manager()
+        port.close()
+        shared = finding(look_at_holder("dde-1", far.url))
+        process.kill()
+    for looked in (finding(machine), shared):
+        assert f"process {process.pid} (ModemManager)" in looked.what
+        assert 'ENV{ID_MM_PORT_IGNORE}="1"' in looked.step
+    assert shared.kind == "port.shared"
 
 
 def test_the_program_behind_a_pseudo_terminal_does_not_share_it() -> None:

@@ -75,7 +75,7 @@ TOOLS_OF_THE_BENCH = {
     6: "DR560",
     7: "NT115",
     8: "NP115/AN115",
-    9: "TRA245/TRA470",
+    9: "TRA245/TRA470/T470",  # T470 by what real stations say over USB (B-29)
 }
 
 

@@ -141,7 +141,7 @@ def test_words_of_status_and_errors() -> None:
         "off": (0, 0, 0, 0, 0),
         "cooling": (0, 0, 0, 1, 0),
     }
-    assert sorted(COMMUNICATION_ERRORS) == [1, 2, 3, 4, 5, 6, 99999]
+    assert sorted(COMMUNICATION_ERRORS) == [1, 2, 3, 4, 5, 6, 255, 99999]
 
 
 @pytest.mark.parametrize(
