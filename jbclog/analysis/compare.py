@@ -25,7 +25,7 @@ from jbclog.analysis.verdict import measure
 from jbclog.analysis.verdict.idle import IdleError
 from jbclog.analysis.verdict.samples import Measures
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.text import exact
 from jbclog.record.find_runs import ending
 from jbclog.record.folder import recipe_copy
@@ -180,7 +180,7 @@ def _recipe_texts(run: Run) -> dict[str, str]:
     found = {}
     for recipe in run.manifest.recipes:
         try:
-            found[recipe.file] = read_foreign(
+            found[recipe.file] = read_regular(
                 recipe_copy(run.folder, recipe.file), Kind.SETTINGS
             ).decode(errors="replace")
         except OSError:

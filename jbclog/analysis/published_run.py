@@ -8,29 +8,26 @@ row groups that are needed.
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from itertools import count
 from pathlib import Path
-from typing import cast
+from typing import BinaryIO, cast
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import Selection
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.tables import ParquetTable
 from jbclog.core.rows import TABLES
 from jbclog.record.capture import FOLDER as CAPTURES
 from jbclog.record.capture import wire_path
 from jbclog.record.manifest import SealedFile
+from jbclog.record.part_file import PartFile, sealed_footer
 from jbclog.record.parts import group_of
 from jbclog.record.published import Tree, explained, fetch, key_of
 
@@ -68,38 +65,24 @@ class PublishedRun(Run):
             with open_published_part(self.tree, key_of(self.name, file.path), file) as part:
                 for index in range(part.num_row_groups):
                     is_wanted = selection.wanted is None or selection.wanted(next(numbers))
-                    if is_wanted and part.may_have(index, selection):
-                        rows = group_of(cast(ParquetTable, part), table, index, selection.needed)
-                        yield selection.cut(rows)
+                    if is_wanted and may_have(part, index, selection):
+                        yield selection.cut(group_of(part, table, index, selection.needed))
 
 
-class PublishedPart:
-    """An open part of a published run. Methods raise `RecordError`."""
-
-    def __init__(self, tree: Tree, file: pq.ParquetFile) -> None:
-        self._tree, self._file = tree, file
-        self.schema: pa.Schema = file.metadata.schema.to_arrow_schema()
-        self.num_row_groups: int = file.metadata.num_row_groups
-
-    def group(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """Read a row group."""
-        with explained(self._tree):
-            return self._file.read_row_group(index, None if columns is None else list(columns))
-
-    def may_have(self, index: int, selection: Selection) -> bool:
-        """Whether a row group can have selected rows, by the bounds in the footer."""
-        group = self._file.metadata.row_group(index)
-        for place, name in enumerate(self.schema.names):
-            statistics = group.column(place).statistics
-            if statistics is None or not statistics.has_min_max:
-                continue
-            least, most = statistics.min, statistics.max
-            wanted = {"station": selection.station, "port": selection.port}.get(name)
-            if wanted is not None and not least <= wanted <= most:
-                return False
-            if name == "time" and not _overlap(selection, least, most):
-                return False
-        return True
+def may_have(part: PartFile, index: int, selection: Selection) -> bool:
+    """Whether a row group can have selected rows, by the bounds in the footer."""
+    group = part.metadata.row_group(index)
+    for place, name in enumerate(part.schema.names):
+        statistics = group.column(place).statistics
+        if statistics is None or not statistics.has_min_max:
+            continue
+        least, most = statistics.min, statistics.max
+        wanted = {"station": selection.station, "port": selection.port}.get(name)
+        if wanted is not None and not least <= wanted <= most:
+            return False
+        if name == "time" and not _overlap(selection, least, most):
+            return False
+    return True
 
 
 def _overlap(selection: Selection, least: pd.Timestamp, most: pd.Timestamp) -> bool:
@@ -109,9 +92,9 @@ def _overlap(selection: Selection, least: pd.Timestamp, most: pd.Timestamp) -> b
 
 
 @contextmanager
-def open_published_part(tree: Tree, key: str, sealed: SealedFile) -> Iterator[PublishedPart]:
-    """Open a part, which must be the sealed one: in S3 by its length, in a folder by its SHA-256;
-    its pages are verified by their checksums. Raises `RecordError`.
+def open_published_part(tree: Tree, key: str, seal: SealedFile) -> Iterator[PartFile]:
+    """Open a part by its footer, which must agree with `seal`, its entry in the manifest. Raises
+    `RecordError`.
     """
     with explained(tree):
         try:
@@ -120,23 +103,13 @@ def open_published_part(tree: Tree, key: str, sealed: SealedFile) -> Iterator[Pu
             raise RecordError(
                 f"{tree}/{key} is missing; `jbclog publish` copies it again"
             ) from None
-        with file:
-            if file.size() != sealed.bytes:
-                raise RecordError(
-                    f"{tree}/{key} has {file.size()} bytes, the manifest says {sealed.bytes}"
-                )
-            if not tree.is_remote and _sha256(Path(tree.url, key)) != sealed.sha256:
-                raise RecordError(f"{tree}/{key} was changed: its SHA-256 is not the manifest's")
-            part = pq.ParquetFile(file, page_checksum_verification=True, pre_buffer=True)
-            yield PublishedPart(tree, part)
-
-
-def _sha256(path: Path) -> str:
-    there = path.stat()
-    return _sha256_at(path, there.st_mtime_ns, there.st_size)
-
-
-@lru_cache(4096)
-def _sha256_at(path: Path, _mtime_ns: int, _size: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    with file:
+        try:
+            footer = sealed_footer(Path(tree.url, key), cast(BinaryIO, file), seal)
+        except OSError as error:
+            raise RecordError(f"{tree}/{key} {error}") from error
+        part = PartFile(file, footer, f"{tree}/{key}")
+        try:
+            yield part
+        finally:
+            part.close()

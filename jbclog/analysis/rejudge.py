@@ -29,7 +29,7 @@ from jbclog.analysis.verdict import (
 )
 from jbclog.analysis.verdict.samples import Measuring, measure
 from jbclog.core.errors import Problems, UsageError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
@@ -247,7 +247,7 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
     """Whether the copy of the recipe is unchanged, so that it is this jbclog that refuses it."""
     try:
         path = recipe_copy(folder, facts.recipe or "")
-        found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
+        found = hashlib.sha256(read_regular(path, Kind.SETTINGS)).hexdigest()
     except OSError:
         return False
     return any(

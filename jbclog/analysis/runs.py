@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from math import isclose
 from pathlib import Path
-from typing import Final, Protocol, TypeVar, cast, overload
+from typing import Final, TypeVar, cast, overload
 
 import pandas as pd
 import pyarrow as pa
@@ -63,28 +63,6 @@ WHAT_A_RATE_CHANGES: Final = (
 )
 
 
-class Source(Protocol):
-    """Finds runs and returns their metrics."""
-
-    def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-        """Yield the matching runs, as `find_runs.find` does."""
-        ...
-
-    def metrics(
-        self, run: Found, names: Collection[str], station: str | None = None
-    ) -> list[MetricRow]:
-        """Return at least the metrics `names` of a run, of one station or of all.
-
-        Raises `RecordError`.
-        """
-        ...
-
-    @property
-    def records(self) -> Records:
-        """How workers read the metrics of a run."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Records:
     """Runs in their own folders. `stored`: use the metrics of reports; `cache`: use those that the
@@ -97,16 +75,12 @@ class Records:
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
         return find_in(folder, wanted)
 
-    @property
-    def records(self) -> Records:
-        return self
-
     def metrics(
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
         known = None if isinstance(run.folder, TreePath) else self.known(run)
         if known is not None:
-            return [row for row in known if station in (None, row.station)]
+            return [row for row in known if row.metric in names and station in (None, row.station)]
         return self.of(open_run(run.folder), station)
 
     def of(self, run: Run, station: str | None = None) -> list[MetricRow]:
@@ -150,7 +124,7 @@ class Runs(Sequence[Run]):
     """
 
     def __init__(
-        self, folder: Path, wanted: Filter, source: Source = RECORDS, workers: Workers = HERE
+        self, folder: Path, wanted: Filter, source: Records = RECORDS, workers: Workers = HERE
     ) -> None:
         self.folder = folder
         self.wanted = wanted
@@ -191,7 +165,7 @@ class Runs(Sequence[Run]):
         """Search again and return the runs that match now."""
         return self.through(self.source)
 
-    def through(self, source: Source) -> Runs:
+    def through(self, source: Records) -> Runs:
         """Search again with another source of runs and metrics."""
         return Runs(self.folder, self.wanted, source, self.workers)
 
@@ -275,7 +249,7 @@ class Runs(Sequence[Run]):
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each readable run with its rows of `metrics`, at least those of `names`."""
         if self.workers != HERE:
-            return self._mapped(partial(self.source.records.of, station=station), Exception)
+            return self._mapped(partial(self.source.of, station=station), Exception)
         return self.each(
             lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station)
         )

@@ -19,7 +19,7 @@ from typing import Final
 
 from jbclog.core.durable_files import sha256
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import MIB, Kind, open_foreign, read_foreign
+from jbclog.core.files import MIB, Kind, open_regular, read_regular
 from jbclog.core.text import count_text
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
@@ -202,7 +202,7 @@ class _Run:
 
 def _content(path: Path, kind: Kind) -> bytes:
     try:
-        return read_foreign(path, kind)
+        return read_regular(path, kind)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
@@ -217,7 +217,7 @@ def _pieces(path: Path, expected: str | None = None) -> Iterator[bytes]:
     SHA-256 is `expected`: somebody wrote to it meanwhile.
     """
     digest = hashlib.sha256()
-    with open_foreign(path, Kind.RECORD) as file:
+    with open_regular(path, Kind.RECORD) as file:
         while piece := file.read(MIB):
             digest.update(piece)
             yield piece

@@ -36,18 +36,18 @@ NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by -
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder. Raises `RecordError` if its mount does not answer."""
-    from jbclog.core.foreign.files import expect_answer  # not imported by --help
-
-    expect_answer(path)
+    """Return whether `path` is a folder. Raises `FileNotFoundError` if the current folder was
+    removed.
+    """
+    whole = path.absolute()
     try:
-        return path.is_dir()
+        return whole.is_dir()
     except OSError:
         return False
 
 
 def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder, or a table of published runs. Raises as `is_folder`."""
+    """Return whether `path` is a folder, or a table of published runs."""
     from jbclog.record.published import is_table  # not imported by --help
 
     return is_table(path) or is_folder(path)
@@ -212,7 +212,7 @@ COLOR = typer.Option(
     Color.AUTO, "--color", metavar="auto|always|never", help="Colour events by severity."
 )
 NO_CACHE = typer.Option(
-    False, "--no-cache", help="Read and compute everything anew, without index and caches."
+    False, "--no-cache", help="Compute every metric anew from the samples, without caches."
 )
 AS_JSON = typer.Option(False, "--json", help="Print one JSON object.")
 JSON_PER_RUN = typer.Option(False, "--json", help="Print one JSON object per run.")

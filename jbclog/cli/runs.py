@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -71,7 +70,6 @@ def runs(
         None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."
     ),
     until: str | None = options.UNTIL,
-    no_cache: bool = options.NO_CACHE,
     as_json: bool = options.JSON_PER_RUN,
 ) -> None:
     """Find runs by operator, order, unit, time, verdict and more.
@@ -87,7 +85,6 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
-    from jbclog.app.index.run_index import run_index
     from jbclog.record.find_runs import Filter
     from jbclog.record.published import find_in, shown_path
 
@@ -112,9 +109,8 @@ def runs(
         since=moment("--since", since),
         until=moment("--until", until, is_end=True),
     )
-    with nullcontext() if no_cache else run_index() as index:
-        those = find_in(folder, wanted) if index is None else index.find(folder, wanted)
-        _print(those, shown_path(folder), unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+    those = find_in(folder, wanted)
+    _print(those, shown_path(folder), unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def _expect_word(

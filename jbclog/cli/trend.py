@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,11 +64,10 @@ def trend(
     with without_collector():
         from jbclog.analysis.runs import Records
         from jbclog.analysis.trend import trends
-        from jbclog.app.index.run_index import run_index
 
-    with nullcontext(Records(stored=False)) if no_cache else run_index() as source:
-        runs = _runs(folder, line, recipe, product, order, since, until, scheduler).through(source)
-        found = trends(runs, metric, station, port, lower, upper)
+    source = Records(stored=False) if no_cache else Records(cache=True)
+    runs = _runs(folder, line, recipe, product, order, since, until, scheduler).through(source)
+    found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)
     if plot is not None or html is not None:

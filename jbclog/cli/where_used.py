@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,7 +45,6 @@ def where_used(
         help="Folder with verifications.jsonl; default: DIR.",
         show_default=False,
     ),
-    no_cache: bool = options.NO_CACHE,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """List the runs that used a tip since its last pass.
@@ -59,18 +57,13 @@ def where_used(
     Example:
       jbclog where-used --station dde-1 --port 1
     """
-    from jbclog.app.index.run_index import run_index
     from jbclog.cli.runs import moment
     from jbclog.maintenance.suspect_runs import where_used as suspects
     from jbclog.record.find_runs import find
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    with nullcontext() if no_cache else run_index() as index:
-        search = find if index is None else index.find
-        found = suspects(
-            folder, station, port, tip, moment("--since", since), search, verifications
-        )
+    found = suspects(folder, station, port, tip, moment("--since", since), find, verifications)
     if as_json:
         echo_json(facts(found))
     else:

@@ -28,8 +28,8 @@ from jbclog.config.schema import (
 )
 from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.serial_line import BAUDRATES, SCHEMES, LineFormat, scheme_of
+from jbclog.core.toml import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family, model_problem
 
 _WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)

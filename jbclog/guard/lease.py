@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
 
@@ -136,7 +136,7 @@ def why_unreadable(folder: Path) -> str:
 
 def _read(folder: Path) -> tuple[list[StationLease], str]:
     try:
-        lines = read_foreign(folder / NAME, Kind.LEASE).splitlines()
+        lines = read_regular(folder / NAME, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return [], ""
     except (OSError, ValueError) as error:

@@ -39,14 +39,14 @@ from typing import Final
 
 from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import (
+from jbclog.core.files import (
     Kind,
     NotReadable,
     is_plain_folder,
-    open_foreign,
+    open_regular,
     open_to_write,
 )
-from jbclog.core.foreign.json_reader import builder, expect_moment, json_of
+from jbclog.core.json_files import builder, expect_moment, json_of
 from jbclog.record.capture_file import FIXED, Block, Gap, blocks, blocks_in, row_of
 
 FOLDER: Final = "wire"
@@ -163,7 +163,7 @@ def _believed(head: Head, path: Path) -> Head:
 
 def _why_none(path: Path) -> str:
     """Return why a file has no head; a newer format states its number, however it is packed."""
-    with open_foreign(path, Kind.WIRE) as file:
+    with open_regular(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
     if found and int(found[1]) > FORMAT:
@@ -272,7 +272,7 @@ def mend(path: Path) -> int:
     be something else, and never another file than the one that was read.
     """
     last: Block | Gap | None = None
-    with open_foreign(path, Kind.WIRE) as file:
+    with open_regular(path, Kind.WIRE) as file:
         for last in blocks_in(file.fileno()):  # noqa: B007  # the last one counts
             pass
         if not isinstance(last, Gap) or last.is_refused or not (last.start or _has_begun(file)):

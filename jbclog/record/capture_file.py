@@ -20,7 +20,7 @@ from jbclog.core.capture_rows import (
     ResultKind,
     ResultRow,
 )
-from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.files import Kind, open_regular
 
 BYTES: Final = ("sent", "heard")
 PASSED: Final = get_args(LinkRowKind)
@@ -220,7 +220,7 @@ def _crc(head: bytes) -> int:
 
 def blocks(path: Path) -> Iterator[Block | Gap]:
     """Yield the file's blocks in order, with gaps for what is damaged. Raises OSError."""
-    with open_foreign(path, Kind.WIRE) as file:
+    with open_regular(path, Kind.WIRE) as file:
         yield from blocks_in(file.fileno())
 
 
@@ -267,8 +267,7 @@ def _labels(data: _Bytes) -> Iterator[_Label | None]:
 
 def _places_of_heads(data: _Bytes) -> Iterator[int]:
     """Yield every place where a head may begin. Pieces overlap, so that none is cut in two."""
-    # no zeros: `find` steps over what cannot be part of it, and zeros are what large hostile files
-    # have
+    # no zeros: `find` steps over what cannot be part of it, and zeros are what a damaged disk has
     sought = FIXED[:4]
     for start in range(0, len(data), SEARCHED - len(sought) + 1):
         piece = data[start : start + SEARCHED]

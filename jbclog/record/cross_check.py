@@ -17,8 +17,8 @@ from typing import Any, Final, cast
 
 from jbclog.core.durable_files import lines_in, sha256
 from jbclog.core.errors import RecordError, unexpected_error_text
-from jbclog.core.foreign.files import Kind, is_plain_folder, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import read_json
+from jbclog.core.files import Kind, is_plain_folder, open_regular, read_regular
+from jbclog.core.json_files import read_json
 from jbclog.record import conclude, guard_actions, report_repeats
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, Annotations, read
@@ -131,7 +131,7 @@ def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]
     if not cited:
         return
     try:
-        lines = {sha256(line) for line in lines_in(read_foreign(path, Kind.VERIFICATIONS))}
+        lines = {sha256(line) for line in lines_in(read_regular(path, Kind.VERIFICATIONS))}
     except FileNotFoundError:
         return  # the run was moved
     except OSError as error:
@@ -241,7 +241,7 @@ def _report_files(
 def _sha256(path: Path) -> str:
     """Return the SHA-256 of a file; if it cannot be read, a text that no hash equals."""
     try:
-        with open_foreign(path, Kind.OF_REPORT) as file:
+        with open_regular(path, Kind.OF_REPORT) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         return f"not known: {error}"

@@ -15,8 +15,9 @@ from typing import Final
 from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
-from jbclog.core.foreign.json_reader import (
+from jbclog.core.files import LIMITS, Kind, read_regular
+from jbclog.core.goal import Goal
+from jbclog.core.json_files import (
     builder,
     expect_moment,
     expect_period,
@@ -24,7 +25,6 @@ from jbclog.core.foreign.json_reader import (
     json_of,
     read_json,
 )
-from jbclog.core.goal import Goal
 from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, StationFacts, TipCheck
 from jbclog.core.states import StationOutcome
 from jbclog.record.manifest_counts import MOST, expect_counts
@@ -175,12 +175,22 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: path in the folder, rows (None: no table), size, hash."""
+    """A file of the run: path in the folder, rows (None: no table), size, hash.
+
+    Of a part also length and hash of its footer, from the first byte of its metadata to the end of
+    the file; None for other files, and in manifests of 0.1.0.
+    """
 
     path: str
     rows: int | None
     bytes: int
     sha256: str
+    footer_bytes: int | None = None
+    footer_sha256: str | None = None
+
+    def in_report(self) -> dict[str, object]:
+        """Return what a report repeats of the entry."""
+        return {"path": self.path, "rows": self.rows, "bytes": self.bytes, "sha256": self.sha256}
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +317,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read a run's manifest. Raises RecordError if it is missing, invalid, or of a newer jbclog."""
     path = folder / NAME
     try:
-        data = read_json(path, Kind.MANIFEST, in_utf8=True)
+        data = read_json(path, Kind.MANIFEST)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(
@@ -430,7 +440,7 @@ def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
 def manifest_sha256(folder: Path) -> str:
     """Return the run's fingerprint, cited by notes, reports and runs. Raises RecordError."""
     try:
-        return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
+        return hashlib.sha256(read_regular(folder / NAME, Kind.MANIFEST)).hexdigest()
     except OSError as error:
         raise NoManifest(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
 
@@ -440,7 +450,7 @@ def wrong_digest(folder: Path) -> str | None:
 
     It shows accidental changes: a deliberate change of the manifest can include the digest.
     """
-    return why_changed(read_foreign(folder / NAME, Kind.MANIFEST))
+    return why_changed(read_regular(folder / NAME, Kind.MANIFEST))
 
 
 def has_digest(folder: Path) -> bool:
@@ -448,7 +458,7 @@ def has_digest(folder: Path) -> bool:
     OSError.
     """
     return (
-        _DIGEST.fullmatch(read_foreign(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
+        _DIGEST.fullmatch(read_regular(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
     )
 
 

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.core.durable_files import sha256, sync_file, sync_folder
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import MIB
+from jbclog.core.files import MIB
 from jbclog.core.text import clean, shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import annotations_in, late_in

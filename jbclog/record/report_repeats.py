@@ -69,8 +69,8 @@ def differences(
 def _all(
     report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
 ) -> Iterator[Found]:
-    """Yield each fact that a report repeats; skip those that an earlier release did not write."""
-    whole = asdict(manifest)
+    """Yield each fact that a report repeats; skip those that it does not have."""
+    whole = asdict(manifest) | {"files": [file.in_report() for file in manifest.files]}
     yield from _same(report, {key: whole[key] for key in SAME} | {"line": whole["line"] or {}}, "")
     yield from _same(report, {"lost": None if manifest.lost is None else manifest.lost.text}, "")
     if "head" in report:

@@ -19,8 +19,8 @@ from jbclog.analysis.rejudge import is_cut_off
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.verdict import measure
 from jbclog.core.errors import unexpected_error_text
-from jbclog.core.foreign.files import Kind
-from jbclog.core.foreign.json_reader import read_json
+from jbclog.core.files import Kind
+from jbclog.core.json_files import read_json
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import cleaned
 from jbclog.record.annotations import NAME as ANNOTATIONS

@@ -79,7 +79,7 @@ def _of_manifest(manifest: Manifest) -> dict[str, Any]:
         "recipes": [asdict(recipe) for recipe in manifest.recipes],
         "metadata": {**replace(manifest.metadata, units=manifest.serials()).said()},
         "host": dict(manifest.host),
-        "files": [asdict(file) for file in manifest.files],
+        "files": [file.in_report() for file in manifest.files],
         "data_sha256": _data_sha256(manifest),
     }
 

@@ -17,7 +17,7 @@ from typing import Any, Final
 from jbclog.analysis.rejudge import check_verdict
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.check import changed_files
@@ -178,7 +178,7 @@ def _annotated_since(folder: Path) -> list[str]:
 
 def _difference(path: Path, content: bytes) -> str | None:
     try:
-        same = read_foreign(path, Kind.OF_REPORT) == content
+        same = read_regular(path, Kind.OF_REPORT) == content
     except OSError as error:
         return f"{path}: {error.strerror}"
     return None if same else f"{path}: differs from the report that this record gives"

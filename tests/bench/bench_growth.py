@@ -172,10 +172,8 @@ def of_folders(count: int, _: float) -> Figures:
         runs, trend = ["runs", str(folder)], ["trend", str(folder), "--metric", "recovery_s"]
         used = ["where-used", str(folder), "--station", "dde-1", "--since", "2040-01-01"]
         for name, words, times in (
-            ("runs --no-cache", [*runs, "--no-cache"], TIMES),
-            ("runs", runs, 1),
-            ("runs again", runs, TIMES),
-            ("where-used again", used, TIMES),
+            ("runs", runs, TIMES),
+            ("where-used", used, TIMES),
             ("trend", trend, 1),
             ("trend again", trend, TIMES),
         ):

@@ -3,7 +3,7 @@
 240 runs share one record of two stations with its report (``--short``: 60). The figures are CPU per
 run, the minimum of interleaved rounds: finding the runs as `jbclog runs` does; a trend of one
 metric over them, over as many with a recorder's metrics instead of a report, and over a few with
-neither. None uses an index (`bench_index.py`). The baseline reads each `manifest.json` and parses
+neither. The baseline reads each `manifest.json` and parses
 it with Python's `json`, without any check.
 
 The limits are ratios to that baseline, which differ little between machines, and 3 ms a run for a

@@ -14,9 +14,9 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.analysis.verdict.reached import Targets
-from jbclog.core.foreign.tables import open_table
 from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts, TipCheck
+from jbclog.record.part_file import open_part
 
 ROWS_AT_ONCE: Final = 8192  # as an object a row takes up to a kilobyte
 EVENT_COLUMNS: Final = ["kind", "severity", "station", "port", "text", "time", "value"]
@@ -205,7 +205,7 @@ def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
 
 def _rows(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:
     for part in sorted(table.glob("part-*.parquet")):
-        with open_table(part) as opened:
+        with open_part(part) as opened:
             for batch in opened.batches(ROWS_AT_ONCE, columns):
                 yield from _with_whole_time(batch).to_pylist()
 

@@ -33,8 +33,8 @@ from jbclog.analysis.verdict.clock_steps import (
 )
 from jbclog.analysis.verdict.idle import Block, Flags, Floats, IdleError, by_block, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
-from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import StationFacts
+from jbclog.record.part_file import open_part
 
 TEMPERATURE = "temperature_c"
 COLUMNS = [
@@ -297,7 +297,7 @@ def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.Table]:
 
 def _batches(folder: Path, columns: list[str]) -> Iterator[pa.Table]:
     for part in sorted((folder / "samples").glob("part-*.parquet")):
-        with open_table(part, ["station", "quality", "status"]) as table:
+        with open_part(part, coded=["station", "quality", "status"]) as table:
             for batch in table.batches(BATCH_ROWS, columns):
                 yield pa.Table.from_batches([batch])
 

@@ -18,6 +18,7 @@ from typing import Final
 from jbclog.app.batch.state import BatchState, Entry, EntryKind, batch_state
 from jbclog.app.batch.store import ADD_LINE, OLD_JOURNAL, BatchStore, import_files
 from jbclog.core.clock import utc_text
+from jbclog.core.database import Database
 from jbclog.core.durable_files import (
     LineChain,
     chain_in,
@@ -29,9 +30,8 @@ from jbclog.core.durable_files import (
     write_whole,
 )
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.database import Database
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import builder
 
 _build_entry: Final = builder(Entry)
 
@@ -148,7 +148,7 @@ def _chain(lines: list[bytes]) -> LineChain[Entry]:
 
 def _old_lines(folder: Path) -> list[bytes]:
     """Return the lines of an earlier release's journal, without a last line cut off by a crash."""
-    data = read_foreign(folder / OLD_JOURNAL, Kind.JOURNAL)
+    data = read_regular(folder / OLD_JOURNAL, Kind.JOURNAL)
     lines = lines_in(data)
     is_torn = bool(lines) and not data.endswith(b"\n") and parsed(lines[-1]) is None
     return lines[:-1] if is_torn else lines

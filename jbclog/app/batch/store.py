@@ -23,14 +23,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from jbclog.core.database import Database, open_database
 from jbclog.core.durable_files import sync_folder
-from jbclog.core.foreign.database import Database, open_database
-from jbclog.core.foreign.files import LIMITS, Kind, expect_regular, read_foreign
+from jbclog.core.files import Kind, expect_regular, read_regular
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0
-# rows of one query; a thousand jobs, each started ten times, take 40 000
-MOST_ROWS: Final = 100_000
 COLUMNS: Final = {
     "journal": ("number", "line"),
     "attempt": ("name", "spec", "run", "progress", "result", "ended"),
@@ -62,14 +60,11 @@ class BatchStore:
         self._using = threading.RLock()
 
     def rows(self, sql: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of a query, at most `MOST_ROWS`; none if there is no store."""
+        """Return the rows of a query; none if there is no store."""
         with self._using, _as_os_error():
             if self._db is None and not self.path.exists():
                 return []
-            db = self._opened()
-            db.within()
-            most_bytes = LIMITS[Kind.JOURNAL]
-            return db.rows(sql, values, most_rows=MOST_ROWS, most_bytes=most_bytes)
+            return self._opened().execute(sql, values).fetchall()
 
     @contextmanager
     def transaction(self, *, synced: bool = True) -> Iterator[Database]:
@@ -78,7 +73,6 @@ class BatchStore:
             db = self._opened()
             if db.in_transaction:  # the end of the transaction failed
                 db.execute("ROLLBACK")
-            db.within()
             db.execute(f"PRAGMA synchronous = {'FULL' if synced else 'NORMAL'}")
             try:
                 db.execute("BEGIN IMMEDIATE")
@@ -105,7 +99,7 @@ class BatchStore:
                 expect_regular(self.path, Kind.JOURNAL)
             db = open_database(self.path, only_reads=False, busy_s=BUSY_S, kind=Kind.JOURNAL)
             try:
-                if not db.expect_tables(COLUMNS):
+                if not db.has_tables(COLUMNS):
                     _create(db)
                     sync_folder(self.path.parent)
             except BaseException:
@@ -158,5 +152,5 @@ def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) ->
 
 def _old_text(path: Path) -> str | None:
     with contextlib.suppress(OSError):
-        return read_foreign(path, Kind.JOURNAL).decode(errors="replace")
+        return read_regular(path, Kind.JOURNAL).decode(errors="replace")
     return None

@@ -143,6 +143,8 @@ MEANINGS: Mapping[str, str] = {
     "files.rows": "rows; null: it has none",
     "files.bytes": "size",
     "files.sha256": "SHA-256",
+    "files.footer_bytes": "of a part: bytes of its footer, to the end of the file",
+    "files.footer_sha256": "of a part: SHA-256 of its footer",
     "previous.run": "its name",
     "previous.sha256": "its fingerprint, in full",
     "previous.text": "why there is none, or why it is not known",

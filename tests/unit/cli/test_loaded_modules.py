@@ -62,9 +62,9 @@ PLAN = {
     *("cli", "cli.app", "cli.front_page", "cli.help", "cli.loading", "cli.names", "cli.options"),
     *("cli.output", "cli.streams", "config", "config.line", "config.load_recipe", "config.recipe"),
     *("config.recipe_sections", "config.recipe_settings", "config.schema", "config.sim_spec"),
-    *("core", "core.children", "core.errors", "core.foreign", "core.foreign.files"),
+    *("core", "core.children", "core.errors", "core.files"),
     *(
-        "core.foreign.toml_reader",
+        "core.toml",
         "core.goal",
         "core.outcome",
         "core.quantities",
@@ -86,8 +86,8 @@ RUN = PLAN | {
     *(
         "core.clock",
         "core.durable_files",
-        "core.foreign.database",
-        "core.foreign.json_reader",
+        "core.database",
+        "core.json_files",
         "core.io_requests",
     ),
     *("core.locks", "core.rows"),

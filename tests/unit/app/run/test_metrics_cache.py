@@ -176,16 +176,6 @@ def test_rows_that_no_recorder_writes_are_none(
         assert known(run) is None
 
 
-def test_one_that_unpacks_to_more_than_any_is_none(
-    run: Path, made: tuple[Path, list[MetricRow]]
-) -> None:
-    """4 kB took a trend to 600 MB."""
-    rows = [replace(row, why="x" * 1_000_000) for row in made[1]]
-    cache_metrics(run, rows, manifest_sha256(run))
-    assert (run / METRICS_CACHE).stat().st_size < 100_000
-    assert known(run) is None
-
-
 def test_damaged_bytes_change_no_answer(run: Path, made: tuple[Path, list[MetricRow]]) -> None:
     path = run / METRICS_CACHE
     data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Read TOML within limits, with the line of each key. Start with `read_text` and `parse`."""
+"""Read TOML with the line of each key. Start with `read_text` and `parse`."""
 
 from __future__ import annotations
 
@@ -13,22 +13,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
+from jbclog.core.files import LIMITS, Kind, read_regular
 from jbclog.core.quantities import LARGEST, WHOLE
 
-# tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys
-# (docs/reference/faults.md, F-33). `KeyScan` runs first, over each character once: it finds the
-# line of every key and all duplicate keys, and stops at anything larger than our files. It does not
-# check syntax: where it cannot continue, tomllib reports on the text up to that line.
-# docs/decisions/0058 compares other parsers.
+# tomllib reports no positions of keys. `KeyScan` runs first: it finds the line of every key and all
+# duplicate keys. It does not check syntax: where it cannot continue, tomllib reports on the text up
+# to that line. docs/decisions/0058 compares other parsers.
 
 KeyPath = tuple[str | int, ...]
 """Path of a key: names, and indexes (from 0) of tables in a list: ``("station", 1, "url")``."""
-
-MAX_PARTS = 8
-MAX_NESTING = 8
-MAX_WORD = 64
-MAX_ENTRIES = 4000  # keys, headers and list members of one file; 250 stations have about 1 500
 
 # (?>…*) instead of …*+ around a look-ahead, which matches nothing in the `re` of Python 3.11.2
 _TOKEN = re.compile(
@@ -50,14 +43,6 @@ class Token(NamedTuple):
     kind: str  # a mark is its own kind
     text: str
     line: int
-
-
-class TooLarge(Exception):
-    """The text exceeds a limit at `line`."""
-
-    def __init__(self, line: int, text: str) -> None:
-        super().__init__(text)
-        self.line = line
 
 
 class Lost(Exception):
@@ -99,32 +84,25 @@ class KeyScan:
         self._table: KeyPath = ()
         self._lists: dict[KeyPath, int] = {}  # number of tables so far
         self._declared: set[KeyPath] = set()
-        self._entries = 0
 
     def run(self) -> None:
-        """Scan the whole text. Raises TooLarge or Lost."""
+        """Scan the whole text. Raises Lost."""
         while self._ahead.kind != "end":
             if self._ahead.kind == "newline":
                 self._take()
             elif self._ahead.kind == "[":
                 self._header()
             else:
-                self._assignment(self._table, 0)
+                self._assignment(self._table)
                 self._end_of_line()
 
     def _take(self, *kinds: str) -> Token:
         token = self._ahead
         if kinds and token.kind not in kinds:
             raise Lost(token.line)
-        if token.kind == "word":
-            self._measure(token.text, token.line)
         if token.kind != "end":
             self._ahead = next(self._tokens)
         return token
-
-    def _measure(self, word: str, line: int) -> None:
-        if len(word) > MAX_WORD:
-            raise TooLarge(line, f"a word of {len(word)} characters; at most {MAX_WORD} are read")
 
     def _end_of_line(self) -> None:
         self._take("newline", "end")
@@ -133,18 +111,11 @@ class KeyScan:
         while self._ahead.kind == "newline":
             self._take()
 
-    def _count(self, line: int) -> None:
-        self._entries += 1
-        if self._entries > MAX_ENTRIES:
-            raise TooLarge(line, f"more than {MAX_ENTRIES} keys and list members")
-
     def _key(self) -> tuple[str, ...]:
         parts = [self._part()]
         while self._ahead.kind == ".":
             self._take()
             parts.append(self._part())
-            if len(parts) > MAX_PARTS:
-                raise TooLarge(self._ahead.line, f"a key of more than {MAX_PARTS} parts")
         return tuple(parts)
 
     def _part(self) -> str:
@@ -152,9 +123,14 @@ class KeyScan:
         if token.kind == "word":
             return token.text
         if token.text[0] == '"' and "\\" in token.text:
-            raise TooLarge(token.line, "a key with an escape sequence; write its name plainly")
-        self._measure(token.text[1:-1], token.line)
+            return self._unescaped(token)
         return token.text[1:-1]
+
+    def _unescaped(self, token: Token) -> str:
+        try:
+            return str(tomllib.loads(f"key = {token.text}")["key"])
+        except ValueError:
+            raise Lost(token.line) from None
 
     def _header(self) -> None:
         line = self._take("[").line
@@ -165,7 +141,6 @@ class KeyScan:
         for _ in range(1 + is_list):
             self._take("]")
         self._end_of_line()
-        self._count(line)
         place: KeyPath = (*self._resolved(parts[:-1], line), parts[-1])
         self._table = (
             self._next_in_list(place)
@@ -195,7 +170,7 @@ class KeyScan:
         self._declared.add(path)
         return path
 
-    def _assignment(self, table: KeyPath, nesting: int) -> None:
+    def _assignment(self, table: KeyPath) -> None:
         line = self._ahead.line
         path: KeyPath = table
         for part in self._key():
@@ -203,9 +178,8 @@ class KeyScan:
                 self.lines.setdefault(path, line)
             path = (*path, part)
         self._take("=")
-        self._count(line)
         self._declare_value(path, line)
-        self._value(path, nesting)
+        self._value(path)
 
     def _declare_value(self, path: KeyPath, line: int) -> None:
         first = self.lines.setdefault(path, line)
@@ -213,19 +187,17 @@ class KeyScan:
             self.twice.append(Twice(path, line, first))
         self._declared.add(path)
 
-    def _value(self, path: KeyPath, nesting: int) -> None:
+    def _value(self, path: KeyPath) -> None:
         token = self._take()
         if token.kind in ("string", "long"):
             return
         if token.kind not in ("[", "{"):
             self._scalar(token)
             return
-        if nesting == MAX_NESTING:
-            raise TooLarge(token.line, f"lists or tables nested deeper than {MAX_NESTING}")
         if token.kind == "[":
-            self._list(path, nesting + 1)
+            self._list(path)
         else:
-            self._inline(path, nesting + 1)
+            self._inline(path)
 
     def _scalar(self, token: Token) -> None:
         if token.kind != "word" and token.text not in _IN_SCALARS:
@@ -235,13 +207,12 @@ class KeyScan:
         ):
             self._take()
 
-    def _list(self, path: KeyPath, nesting: int) -> None:
+    def _list(self, path: KeyPath) -> None:
         place = 0
         self._skip_newlines()
         while self._ahead.kind != "]":
-            self._count(self._ahead.line)
             self.lines[(*path, place)] = self._ahead.line
-            self._value((*path, place), nesting)
+            self._value((*path, place))
             place += 1
             self._skip_newlines()
             if self._ahead.kind != "]":
@@ -249,10 +220,10 @@ class KeyScan:
                 self._skip_newlines()
         self._take("]")
 
-    def _inline(self, path: KeyPath, nesting: int) -> None:
+    def _inline(self, path: KeyPath) -> None:
         self._skip_newlines()
         while self._ahead.kind != "}":
-            self._assignment(path, nesting)
+            self._assignment(path)
             self._skip_newlines()
             if self._ahead.kind != "}":
                 self._take(",")
@@ -331,10 +302,10 @@ def dotted(key: KeyPath) -> str:
 
 def read_text(path: Path, *, links: bool = True) -> str:
     """Read a file. Raises Problems if it is not a regular file, too large or not UTF-8; `links` as
-    in `open_foreign`.
+    in `open_regular`.
     """
     try:
-        data = read_foreign(path, Kind.SETTINGS, links=links)
+        data = read_regular(path, Kind.SETTINGS, links=links)
     except OSError as error:
         raise Problems([Problem(str(path), None, "", error.strerror or str(error))]) from error
     except ValueError as error:  # a NUL in the name
@@ -349,15 +320,15 @@ def read_text(path: Path, *, links: bool = True) -> str:
 
 
 def parse(text: str, file: str) -> TomlText:
-    """Parse `text`. Raises Problems if it is not TOML or exceeds a limit."""
+    """Parse `text`. Raises Problems if it is not TOML."""
     if len(text) > MAX_BYTES:
         raise Problems([Problem(file, None, "", f"is larger than {MAX_BYTES // 1024} KiB")])
     plain = text.removeprefix("\ufeff")
     scan = KeyScan(plain)
     try:
         scan.run()
-    except TooLarge as error:
-        raise Problems([Problem(file, error.line, "", str(error))]) from error
+    except RecursionError as error:
+        raise Problems([Problem(file, None, "", "is nested too deeply")]) from error
     except Lost as error:
         raise Problems([_syntax(plain, file, error.line)]) from error
     if scan.twice:

@@ -1,4 +1,4 @@
-"""Open untrusted files and folders without blocking.
+"""Open files and folders without blocking.
 
 Opens only regular files, up to the size limit of their kind. A pipe, a socket or a device is
 refused before it is opened, because opening it can block or have side effects. Inside a run's
@@ -9,128 +9,14 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import stat
-import sys
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import StrEnum
-from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
-
-from jbclog.core.errors import RecordError
-
-# A call on a hanging network mount cannot be interrupted, not even by a signal. So a child process
-# first examines a folder that the user names, if it is on a network mount. A mount that hangs later
-# is not detected.
-
-ANSWERS_S: Final = 5.0
-MOUNTS: Final = Path("/proc/self/mountinfo")
-REMOTE: Final = re.compile(
-    r"nfs\d?|cifs|smb\w*|9p|afs|ceph|lustre|gluster\w*|davfs|fuse(\..*)?|autofs"
-)
-LOOK: Final = "import os, sys; os.scandir(sys.argv[1]).close()"
-MOST_LINKS: Final = 40
-
-
-def expect_answer(folder: Path) -> None:
-    """Raise `RecordError` where `folder`'s network mount does not answer within `ANSWERS_S`."""
-    if _remote_folder(folder) is not None:
-        _ask(folder)
-
-
-def why_hangs(path: Path) -> str | None:
-    """Return a sentence where `path` is on a network mount that hangs; else None. Each folder is
-    asked once a minute: one of runs can have thousands of links into another.
-    """
-    folder = _remote_folder(path)
-    return None if folder is None else _why_hangs(folder, int(time.monotonic() // 60))
-
-
-def why_link_hangs(path: Path) -> str | None:
-    """Return the same for a link; None for what is none."""
-    with suppress(OSError):
-        return why_hangs(path) if path.is_symlink() else None
-    return None
-
-
-@lru_cache
-def _why_hangs(folder: Path, _minute: int) -> str | None:
-    try:
-        _ask(folder)
-    except RecordError as error:
-        return str(error)
-    return None
-
-
-def _ask(folder: Path) -> None:
-    import subprocess  # a guard loads it for nothing else
-
-    from jbclog.core.children import kill
-
-    child = subprocess.Popen(
-        [sys.executable, "-I", "-S", "-c", LOOK, str(folder)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    try:
-        child.wait(ANSWERS_S)
-    except subprocess.TimeoutExpired:
-        kill(child, 0.0)  # it ends when the mount answers
-        raise RecordError(
-            f"{folder} does not answer within {ANSWERS_S:g} s: its network mount hangs"
-        ) from None
-
-
-def _remote_folder(path: Path) -> Path | None:
-    """Return the folder of what `path` leads to, or a mount itself, where that is on a network
-    mount; touches nothing below one.
-    """
-    mounts = _remote_mounts()
-    left, links = [*path.absolute().parts[1:]][::-1], 0
-    here = Path("/")
-    while mounts and left:
-        here = Path(os.path.normpath(here / left.pop()))
-        if here in mounts:
-            # not the mount alone: what an automounter has mounted below it hangs by itself
-            there = Path(os.path.normpath(here.joinpath(*left[::-1])))
-            return there if there in mounts else there.parent
-        try:
-            target = here.readlink()
-        except OSError:
-            continue
-        links += 1
-        if links > MOST_LINKS:
-            return None
-        left += [*target.parts[1 if target.is_absolute() else 0 :]][::-1]
-        here = Path("/") if target.is_absolute() else here.parent
-    return None
-
-
-def _remote_mounts() -> set[Path]:
-    """Return the mount points of network mounts; empty if the system does not list them."""
-    try:
-        lines = MOUNTS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
-    except OSError:
-        return set()
-    mounts = (line.partition(" - ") for line in lines)
-    return {
-        _place(before.split()[4])
-        for before, _, behind in mounts
-        if REMOTE.fullmatch(behind.split(" ")[0])
-    }
-
-
-def _place(text: str) -> Path:
-    """Decode a mount point; blanks in it are octal escapes."""
-    return Path(re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), text))
-
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 
@@ -156,8 +42,6 @@ class Kind(StrEnum):
     STORE = "a live store"
     RECORD = "a file of a record"
     CACHE = "a cache of metrics"
-    INDEX = "an index of runs"
-    STORE_LOG = "a file of a store's log"
     CHECKPOINT_HINT = "a hint at a checkpoint"
 
 
@@ -180,9 +64,7 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
         Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk if sealing fails
         Kind.RECORD: 16 * GIB,
-        Kind.INDEX: 2 * GIB,  # 10 000 runs of three ports take 130 MB
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
-        Kind.STORE_LOG: 64 * MIB,  # a commit of a run takes 3 kB, joining 10 000 files 8 MB
         Kind.CHECKPOINT_HINT: MIB,  # takes 10 kB
     }
 )
@@ -194,7 +76,7 @@ LINES: Final[Mapping[Kind, int]] = MappingProxyType(
     {Kind.ANNOTATIONS: 20_000}
     | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
-"""Maximum number of lines of a kind: an empty line takes a hundred times its size in memory."""
+"""Maximum number of lines of a kind: each is parsed."""
 
 LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
 """Maximum length in bytes of a line that is read by itself."""
@@ -230,13 +112,13 @@ def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
 
 def _size(there: os.stat_result, kind: Kind) -> int:
     if not stat.S_ISREG(there.st_mode):
-        raise NotReadable(f"is {_what(there)}, not a file")
+        raise NotReadable(f"is {what_is(there)}, not a file")
     if there.st_size > LIMITS[kind]:
         raise NotReadable(f"has {there.st_size} bytes; {kind} has at most {LIMITS[kind]}")
     return there.st_size
 
 
-def _what(there: os.stat_result) -> str:
+def what_is(there: os.stat_result) -> str:
     return next((name for fits, name in _WHAT if fits(there.st_mode)), "no file")
 
 
@@ -245,7 +127,7 @@ def expect_opened(descriptor: int, kind: Kind) -> int:
     return _size(os.fstat(descriptor), kind)
 
 
-def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
+def open_regular(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
     """Open the regular file at `path` for reading. Raises OSError as `expect_regular` does.
 
     Checks the file before and after opening, because it may be replaced in between.
@@ -300,11 +182,11 @@ def cut_blank_end(path: Path, kind: Kind) -> None:
         os.close(descriptor)
 
 
-def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
+def read_regular(path: Path, kind: Kind, *, links: bool = False) -> bytes:
     """Read the regular file at `path`. Raises OSError as `expect_regular` does, also if the file
     grows beyond its limit.
     """
-    with open_foreign(path, kind, links=links) as file:
+    with open_regular(path, kind, links=links) as file:
         size = os.fstat(file.fileno()).st_size
         data = file.read(size + 1)  # a buffer of the limit's size would take longer than the file
         if len(data) > size:
@@ -351,26 +233,6 @@ def _long_line(file: BufferedReader, text: bytes) -> Line:
     return Line(None, found.hexdigest(), is_ended=bool(text))
 
 
-def plain_files(folder: Path) -> Iterator[Path]:
-    """Yield all files below `folder`; ignores a missing folder and files removed meanwhile. Raises
-    `NotReadable` for anything but regular files and folders, links included.
-    """
-    folders = [folder]
-    while folders:
-        here = folders.pop()
-        if os.path.lexists(here) and not is_plain_folder(here):
-            raise NotReadable(f"{here}: is not a folder of its own")
-        with suppress(FileNotFoundError), os.scandir(here) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    folders.append(here / entry.name)
-                elif entry.is_file(follow_symlinks=False):
-                    yield here / entry.name
-                else:
-                    what = _what(entry.stat(follow_symlinks=False))
-                    raise NotReadable(f"{entry.path}: is {what}, not a file")
-
-
 DEEPEST: Final = 4
 """Maximum depth of folders below a run's folder; a recorder makes one."""
 
@@ -392,15 +254,6 @@ def entries_below(folder: Path) -> Iterator[os.DirEntry[str]]:
                     if depth == DEEPEST:
                         raise NotReadable("it has more folders in one another than any run")
                     folders.append((entry.path, depth + 1))
-
-
-LONGEST_NAME: Final = 255
-
-
-def is_name(text: str) -> bool:
-    """Return True if an untrusted text can be the name of a file or folder."""
-    is_plain = text not in ("", ".", "..") and "/" not in text and "\0" not in text
-    return is_plain and len(text.encode(errors="replace")) <= LONGEST_NAME
 
 
 def is_plain_folder(path: Path) -> bool:
