@@ -199,7 +199,7 @@ class RunTables:
 
     @property
     def place(self) -> str:
-        """Where the run is, as messages show it: its folder, or its place in a store."""
+        """Where the run is, as messages show it."""
         return str(self.folder)
 
     @property
@@ -405,10 +405,6 @@ class RunTables:
 
     def _late_serials(self, manifest: Manifest) -> list[str]:
         return late_serials(self.folder) if manifest.is_sealed else []
-
-    def published(self, table: str) -> pa.Table | None:
-        """Return the joints or metrics that a store has of the run; None for a run in a folder."""
-        return None
 
     def groups(
         self,

@@ -57,8 +57,7 @@ COMMANDS = {
         "trend": "Show a metric over many runs: control chart, capability.",
         "chart": "Show control charts and capability within a run or over runs.",
         "limits": "Learn fixed control limits from stable runs, or show them.",
-        "publish": "Publish sealed runs into a plant's store.",
-        "store": "Check a plant's store, join its small files, or free space.",
+        "publish": "Copy sealed runs into a plant's folder or S3.",
     },
     "Maintain": {
         "verify": "Record a tip verification against an external thermometer.",

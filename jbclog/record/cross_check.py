@@ -43,9 +43,11 @@ NOT_VOUCHED_FOR: Final = {
 }
 
 
-def cross_check(folder: Path, manifest: Manifest, head: str | None) -> Iterator[tuple[str, str]]:
+def cross_check(
+    folder: Path, manifest: Manifest, head: str | None, *, with_report: bool = True
+) -> Iterator[tuple[str, str]]:
     """Yield file and text of each disagreement with unsealed files, with other runs and with
-    `head`.
+    `head`; `with_report`: with the report, too.
     """
     own = manifest_sha256(folder)
     if (folder / NAME).is_symlink():
@@ -56,7 +58,8 @@ def cross_check(folder: Path, manifest: Manifest, head: str | None) -> Iterator[
         yield NAME, text
     said, wrong = _annotations(folder)
     yield from ((ANNOTATIONS, text) for text in wrong)
-    yield from _report_disagreements(folder, said)
+    if with_report:
+        yield from _report_disagreements(folder, said)
     yield from _lease(folder, manifest)
     yield from _guard_lock(folder)
     yield from _verifications(folder, manifest)

@@ -54,8 +54,7 @@ GONE = {
     "audit": (*LINE, "--ledger", "gone.jsonl"),
     "maintenance": ("done", "--station", "dde-1", "--task", "tip-change", "--ledger", "gone.jsonl"),
     "where-used": ("gone", "--station", "dde-1", "--port", "1"),
-    "publish": ("gone", "store"),
-    "store": ("check", "gone"),
+    "publish": ("gone", "plant"),
     "demo": ("--seconds", "1"),
     "scan": ("--addresses", "x"),
 }
