@@ -189,10 +189,10 @@ def pytest_collection_finish() -> None:
 
 FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "sim", "transport")
 """Packages whose tests are fast."""
-# files that take seconds: large or forged inputs, many runs, real connections, real time,
+# files that take seconds: large inputs, many runs, real connections, real time,
 # processes, a browser, figures, slices of campaigns
 NOT_FAST = {
-    *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
+    *("test_jobs_file.py", "test_hands.py"),
     *("test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
     *(
         "test_every_command.py",
@@ -211,8 +211,8 @@ NOT_FAST = {
         "test_terminal.py",
         "test_cpu_limit.py",
     ),
-    *("test_metrics_cache.py", "test_run_index.py", "test_index_file.py"),
-    *("test_foreign_tables.py", "test_mounts.py", "test_book.py"),
+    "test_metrics_cache.py",
+    "test_book.py",
     *("transport/test_reactor.py", "test_budget.py", "test_server.py", "test_connections.py"),
     *("test_progress.py", "batch/test_journal.py"),
 }

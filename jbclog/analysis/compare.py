@@ -25,7 +25,7 @@ from jbclog.analysis.verdict import measure
 from jbclog.analysis.verdict.idle import IdleError
 from jbclog.analysis.verdict.samples import Measures
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.text import exact
 from jbclog.record.find_runs import ending
 from jbclog.record.folder import recipe_copy
@@ -180,7 +180,7 @@ def _recipe_texts(run: Run) -> dict[str, str]:
     found = {}
     for recipe in run.manifest.recipes:
         try:
-            found[recipe.file] = read_foreign(
+            found[recipe.file] = read_regular(
                 recipe_copy(run.folder, recipe.file), Kind.SETTINGS
             ).decode(errors="replace")
         except OSError:
@@ -260,7 +260,7 @@ def _same_idle(
     """Test two idle errors by their bounds, or return why one of them has none."""
     means = []
     for idle, which in ((first, "first"), (second, "second")):
-        found = idle.latest_bounds()
+        found = idle.bounds()
         if isinstance(found, str):
             return spc.Refused("too_few", f"The {which} run's idle error has no bound. {found}")
         means.append(spc.Mean(idle.mean_c or 0.0, found.half))

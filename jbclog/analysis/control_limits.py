@@ -16,8 +16,8 @@ from typing import Final
 from jbclog.analysis import spc
 from jbclog.analysis.charts import Fixed, Series, too_many_late
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import builder
 
 FORMAT: Final = "jbclog control limits 1"
 
@@ -87,7 +87,7 @@ def read_limits(path: Path) -> tuple[Limits, str]:
     Raises `RecordError` if it cannot be read or has another format.
     """
     try:
-        data = read_foreign(path, Kind.SETTINGS)
+        data = read_regular(path, Kind.SETTINGS)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
     try:

@@ -7,8 +7,7 @@ rows that only the live store has.
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -22,17 +21,25 @@ import pyarrow.compute as pc
 
 from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.tables import bounds_of
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import SCHEMA_VERSION, StationFacts
 from jbclog.core.text import shortened, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
-from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.record.parts import Wanted, groups_of, part_paths, parts_through, summary_of
-from jbclog.record.schema import FIRST_IN, SCHEMAS
-from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
+from jbclog.record.manifest import Manifest, SealedFile, read_manifest
+from jbclog.record.part_file import open_part
+from jbclog.record.parts import (
+    NO_SEALS,
+    Seals,
+    Wanted,
+    groups_of,
+    part_paths,
+    parts_through,
+    summary_of,
+)
+from jbclog.record.schema import SCHEMAS, lacking_in
+from jbclog.record.sealed_files import expect_manifest_unchanged, seals_of
 from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
 from jbclog.record.units import BEGIN, COLUMNS, END, only_unit, units_in
@@ -53,7 +60,6 @@ LEFT_OUT: Final = (
     "These rows are left out; `jbclog recover` finishes the run and keeps its live store in"
     " damaged/."
 )
-MICROSECONDS: Final = struct.Struct("<q")  # a time in the statistics of a Parquet footer
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +74,8 @@ class Selection:
     stop: pd.Timestamp | None = None
     coded: bool = False  # texts may be returned as dictionaries
     wanted: Wanted | None = None  # sealed row groups to read; None: all
+    # gets a sentence for each damaged row group, which is left out; None: damage is an error
+    on_damage: Callable[[str], None] | None = None
 
     @property
     def needed(self) -> list[str]:
@@ -94,17 +102,14 @@ class Selection:
             rows = rows.filter(pc.less(rows["time"], arrow_time(self.stop)))
         return rows.select(list(self.columns))
 
-    def may_have(self, part: Path) -> bool:
+    def may_have(self, part: Path, seal: SealedFile | None = None) -> bool:
         """Whether a part can hold rows between `start` and `stop`, by its footer.
 
         Raises `RecordError` for an unreadable part.
         """
         if self.start is None and self.stop is None:
             return True
-        try:
-            first, last = _time_bounds(part)
-        except (pa.ArrowException, OSError) as error:
-            raise RecordError(f"{part} is no readable part: {error}") from error
+        first, last = _time_bounds(part, seal)
         if first is None or last is None:
             return True
         return (self.start is None or last >= self.start) and (
@@ -152,24 +157,31 @@ def arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
     )
 
 
-def _time_bounds(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
-    """Return the first and last time in a part; None if its footer has none.
-
-    Raises `OSError`, `pa.ArrowException`.
+def _time_bounds(
+    part: Path, seal: SealedFile | None
+) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
+    """Return the first and last time in a part: of a sealed one from its footer, of another from
+    the column. None if it has none. Raises `RecordError`.
     """
-    bounds = bounds_of(part, "time")
-    if not bounds or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in bounds):
+    with open_part(part, seal) as opened:
+        if seal is None:
+            bounds = [_bounds_in(rows["time"]) for rows in opened.groups(["time"])]
+        else:
+            bounds = opened.bounds("time")
+    known = [bound for bound in bounds if bound is not None]
+    if not known or len(known) < len(bounds):
         return None, None
     try:
-        times = [
-            pd.Timestamp(MICROSECONDS.unpack(raw)[0], unit="us", tz=UTC)
-            for one in bounds
-            if one is not None
-            for raw in one
-        ]
+        first = pd.Timestamp(min(least for least, _ in known), unit="us", tz=UTC)
+        last = pd.Timestamp(max(most for _, most in known), unit="us", tz=UTC)
     except (ValueError, OverflowError):  # beyond the range of a Timestamp
         return None, None
-    return min(times), max(times)
+    return first, last
+
+
+def _bounds_in(times: pa.ChunkedArray) -> tuple[int, int] | None:
+    bounds = pc.min_max(times.cast(pa.int64())).as_py()
+    return None if bounds["min"] is None else (bounds["min"], bounds["max"])
 
 
 class RunTables:
@@ -187,7 +199,7 @@ class RunTables:
 
     @property
     def place(self) -> str:
-        """Where the run is, as messages show it: its folder, or its place in a store."""
+        """Where the run is, as messages show it."""
         return str(self.folder)
 
     @property
@@ -394,20 +406,24 @@ class RunTables:
     def _late_serials(self, manifest: Manifest) -> list[str]:
         return late_serials(self.folder) if manifest.is_sealed else []
 
-    def published(self, table: str) -> pa.Table | None:
-        """Return the joints or metrics that a store has of the run; None for a run in a folder."""
-        return None
-
     def groups(
-        self, table: str, columns: list[str], *, coded: bool = False, wanted: Wanted | None = None
+        self,
+        table: str,
+        columns: list[str],
+        *,
+        coded: bool = False,
+        wanted: Wanted | None = None,
+        on_damage: Callable[[str], None] | None = None,
     ) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, one row group at a time, those of the live store
         last.
 
         `coded`: texts of sealed rows come as dictionaries, in half the time. `wanted`: row groups
-        of a sealed run that must be included; others may be left out.
+        of a sealed run that must be included; others may be left out. `on_damage` gets a sentence
+        for each damaged row group, which is left out; without it, damage raises `RecordError`.
         """
-        return self._groups(replace(select(table, columns), coded=coded, wanted=wanted))
+        selection = select(table, columns)
+        return self._groups(replace(selection, coded=coded, wanted=wanted, on_damage=on_damage))
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """Return the row groups of `groups` as a list."""
@@ -442,10 +458,6 @@ class RunTables:
     ) -> Selection:
         """Return a selection. Raises `UsageError` for an unknown station, port or column."""
         self.expect_place(station, port)
-        later = [name for name in columns or () if (table, name) in FIRST_IN]
-        if later and self.manifest.schema < max(FIRST_IN[table, name] for name in later):
-            names = ", ".join(later)
-            self._say_once(f"{table}: {names} not recorded by the version that made the run")
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
@@ -460,9 +472,10 @@ class RunTables:
             store = opened.enter_context(StoreReader(self.folder))
             manifest = self.manifest
             parts = part_paths(self.folder, selection.table)
+            seals: Seals = NO_SEALS
             if manifest.is_sealed:
-                expect_unchanged(self.folder, manifest, selection.table, parts)
-            numbers = store.numbers_of(selection.table, parts_through(parts))
+                seals = seals_of(self.folder, manifest, selection.table, parts)
+            numbers = store.numbers_of(selection.table, parts_through(parts, seals))
             live: Iterator[pa.Table] = (
                 selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers)
             )
@@ -474,15 +487,34 @@ class RunTables:
                     f"{store.rows} rows in its live store are read now; this takes longer than from"
                     " a sealed run"
                 )
-            sealed = [part for part in parts if selection.may_have(part)]
-            coded, wanted = selection.coded, selection.wanted
-            groups = groups_of(sealed, selection.needed, coded=coded, wanted=wanted)
+            sealed = [part for part in parts if selection.may_have(part, seals.get(part))]
+            if manifest.schema < SCHEMA_VERSION:
+                self._say_lacking(selection, sealed, seals)
+            groups = groups_of(
+                sealed,
+                selection.needed,
+                coded=selection.coded,
+                wanted=selection.wanted,
+                seals=seals,
+                on_damage=selection.on_damage,
+            )
             yield from map(selection.cut, groups)
             yield from live
         if store.damage:
             self._say_once(
                 f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}"
             )
+
+    def _say_lacking(self, selection: Selection, sealed: Sequence[Path], seals: Seals) -> None:
+        """Say which columns the version that made the run did not record, if any is selected."""
+        for part in sealed[:1]:
+            with open_part(part, seals.get(part)) as file:
+                lacking = lacking_in(selection.table, file.schema.names)
+            if any(name in selection.needed for name in lacking):
+                names = ", ".join(lacking)
+                self._say_once(
+                    f"{selection.table}: {names} not recorded by the version that made the run"
+                )
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:

@@ -5,8 +5,7 @@ manifest, and the report names manifest, jbclog and rules. An annotation must ho
 `report.json`, which holds the hash of `joints.parquet`.
 
 After a run its recorder leaves all metrics in `metrics.parquet`, a cache for trends that names
-manifest, rules and methods. It is not authenticated: whoever can write to the folder can forge it.
-So only `trend` reads it.
+manifest, rules and methods. No hash outside of it shows a change, so only `trend` reads it.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS, METHODS
 from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import MIB, Kind, expect_regular, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import decoder
-from jbclog.core.foreign.tables import read_small
+from jbclog.core.files import Kind, open_regular, read_regular
+from jbclog.core.json_files import decoder
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.folder import METRICS_CACHE
+from jbclog.record.part_file import read_parquet
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME, Column, field_of
 
 REPORT_FILE: Final = "report.json"
@@ -181,12 +180,12 @@ def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
     manifest.
     """
     try:
-        with open_foreign(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
+        with open_regular(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
             written = _read_written(_report(folder, manifest_sha256)).written
             if written.get(JOINTS_FILE) != file_digest(file, "sha256").hexdigest():
                 return None
-        table = read_small(folder / JOINTS_FILE)
-    except (pa.ArrowException, RecordError, OSError, ValueError):
+        table = read_parquet(folder / JOINTS_FILE, Kind.OF_REPORT)
+    except (RecordError, OSError, ValueError):
         return None
     made_from = (table.schema.metadata or {}).get(MADE_FROM)
     return (
@@ -227,7 +226,6 @@ METRICS_SCHEMA: Final = pa.schema(
     ]
 )
 """Columns of `metrics.parquet`, in the order of `MetricRow`."""
-CACHE_BYTES: Final = 32 * MIB  # unpacked: those of 512 stations of four ports take some 20
 BY: Final = b"jbclog.methods"
 SUM: Final = b"jbclog.rows_sha256"
 METRIC_NAMES: Final = tuple(one.name for one in DEFINITIONS)
@@ -246,7 +244,7 @@ def cache_metrics(folder: Path, rows: Sequence[MetricRow], manifest_sha256: str)
 
 
 def _made_from(manifest_sha256: str, rows: Sequence[MetricRow]) -> dict[bytes, bytes]:
-    """Return the metadata that a valid cache has; its checksum shows damage, not forgery."""
+    """Return the metadata that a valid cache has; its checksum shows damage."""
     own = sha256(msgspec.json.encode(rows)).hexdigest()
     return {MADE_FROM: manifest_sha256.encode(), BY: METHODS_TEXT.encode(), SUM: own.encode()}
 
@@ -262,11 +260,9 @@ def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None
     """Return all metrics of the run from its cache; None if missing, damaged, or of another
     manifest or other methods.
     """
-    path = folder / METRICS_CACHE
     try:
-        expect_regular(path, Kind.CACHE)
-        table = read_small(path, most_bytes=CACHE_BYTES)
-    except (pa.ArrowException, OSError, ValueError):
+        table = read_parquet(folder / METRICS_CACHE, Kind.CACHE)
+    except RecordError:
         return None
     if not table.schema.equals(METRICS_SCHEMA) or not _is_complete(table):
         return None
@@ -301,7 +297,7 @@ def _report(folder: Path, manifest_sha256: str) -> bytes:
 
     Raises `RecordError`, `OSError`, or `ValueError` if no annotation holds their hash.
     """
-    data = read_foreign(folder / REPORT_FILE, Kind.REPORT)
+    data = read_regular(folder / REPORT_FILE, Kind.REPORT)
     if read_annotations(folder, manifest_sha256).report != sha256(data).hexdigest():
         raise ValueError("no annotation holds the hash of this report")
     return data

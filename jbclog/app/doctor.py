@@ -21,6 +21,7 @@ from jbclog.app.discovery import OnReport, search
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.durable_files import write_whole
+from jbclog.core.memory import limit_bytes
 from jbclog.guard.open_leases import LIST_STEP, about_list
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.record.port_owner import run_of, run_that_holds
@@ -94,6 +95,13 @@ def clock_is_kept() -> bool | None:
     except (OSError, AttributeError, TypeError):  # another system
         return None
     return None if state < 0 else bool(state != UNSYNCHRONISED)
+
+
+def look_at_memory() -> Fine:
+    """Return the limit of memory that a command which reads records sets on itself."""
+    limit = limit_bytes()
+    text = "no limit: this system has none" if limit is None else f"at most {limit / 1e9:.1f} GB"
+    return Fine("memory", "memory", f"commands that read records use {text}")
 
 
 # -- disk ------------------------------------------------------------------------------------------
@@ -492,7 +500,8 @@ def examine(
         look_at_lease_list(out),
     ]
     looked += look_at_modem_manager()
-    return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
+    looked += _usb() if line is None else look_at_stations(line, on_report, access)
+    return [*looked, look_at_memory()]
 
 
 def _usb() -> list[Looked]:

@@ -23,6 +23,16 @@ from jbclog.core.outcome import Exit
 
 NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the record\n"
 
+READING: Final = frozenset(
+    {
+        *("alarms", "chart", "check", "compare", "export", "limits", "report", "runs", "trend"),
+        "where-used",
+    }
+)
+"""The commands that read records, and limit their memory."""
+NO_MEMORY_TO_READ: Final = (
+    b"error: memory was refused; `jbclog doctor` shows the limit of commands that read records\n"
+)
 NO_FILES: Final = b"error: too many open files for this process; raise the limit (`ulimit -n`)\n"
 
 
@@ -97,6 +107,16 @@ def _note_thread_error(failed: threading.ExceptHookArgs) -> None:
     note_thread_error(failed)
 
 
+def _limit_memory() -> bool:
+    """Limit the memory of a command that reads records; return whether it is one."""
+    if sys.argv[1:2] == [] or sys.argv[1] not in READING:
+        return False
+    from jbclog.core.memory import limit_memory  # not imported by other commands
+
+    limit_memory()
+    return True
+
+
 def main() -> None:
     """Run the command `jbclog`.
 
@@ -106,10 +126,12 @@ def main() -> None:
     make_usable()
     leave_out_plugins()
     threading.excepthook = _note_thread_error
+    is_reading = False
     try:
+        is_reading = _limit_memory()
         app()
     except MemoryError:
-        os.write(2, NO_MEMORY)
+        os.write(2, NO_MEMORY_TO_READ if is_reading else NO_MEMORY)
         os._exit(Exit.RECORD)
     except OSError as error:
         if error.errno in (errno.EMFILE, errno.ENFILE):

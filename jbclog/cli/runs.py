@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -39,13 +38,11 @@ NOTHING: Final = "-"
 # the values of `Verdict` (analysis/verdict/verdict.py), which is slow to import
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
-# states in the manifest, which release 1 showed
-OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 
 @reports_errors
 def runs(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS_OR_TABLE,
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
     order: str | None = options.ORDER,
     product: str | None = options.PRODUCT,
@@ -71,7 +68,6 @@ def runs(
         None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."
     ),
     until: str | None = options.UNTIL,
-    no_cache: bool = options.NO_CACHE,
     as_json: bool = options.JSON_PER_RUN,
 ) -> None:
     """Find runs by operator, order, unit, time, verdict and more.
@@ -87,14 +83,13 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
-    from jbclog.analysis.store.place import is_store, place_of
-    from jbclog.app.index.run_index import run_index
-    from jbclog.record.find_runs import Filter, find
+    from jbclog.record.find_runs import Filter
+    from jbclog.record.published import find_in, shown_path
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
-    _expect_word("--state", state, STATES, OLD_STATES)
+    _expect_word("--state", state, STATES)
     wanted = Filter(
         operator=operator,
         order=order,
@@ -112,16 +107,8 @@ def runs(
         since=moment("--since", since),
         until=moment("--until", until, is_end=True),
     )
-    if is_store(folder):
-        from jbclog.analysis.store.reader import Store
-
-        place = place_of(folder)
-        those: Iterable[Found | Unreadable] = [one.found for one in Store(place).runs(wanted)]
-        _print(those, place.path, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
-        return
-    with nullcontext() if no_cache else run_index() as index:
-        those = find(folder, wanted) if index is None else index.find(folder, wanted)
-        _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+    those = find_in(folder, wanted)
+    _print(those, shown_path(folder), unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def _expect_word(

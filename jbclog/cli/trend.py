@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 @reports_errors
 def trend(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS_OR_TABLE,
     metric: str = typer.Option(
         "idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."
     ),
@@ -41,7 +40,7 @@ def trend(
         None, "--html", metavar="FILE", help="HTML page with chart and table."
     ),
     scheduler: str | None = typer.Option(
-        None, metavar="ADDRESS", help="Dask scheduler, whose workers read a store: tcp://HOST:8786."
+        None, metavar="ADDRESS", help="Dask scheduler whose workers read the runs: tcp://HOST:8786."
     ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = options.AS_JSON,
@@ -65,12 +64,10 @@ def trend(
     with without_collector():
         from jbclog.analysis.runs import Records
         from jbclog.analysis.trend import trends
-        from jbclog.app.index.run_index import run_index
 
-    with nullcontext(Records(stored=False)) if no_cache else run_index() as source:
-        runs = _runs(folder, line, recipe, product, order, since, until).through(source)
-        runs = runs if scheduler is None else runs.on(scheduler)
-        found = trends(runs, metric, station, port, lower, upper)
+    source = Records(stored=False) if no_cache else Records(cache=True)
+    runs = _runs(folder, line, recipe, product, order, since, until, scheduler).through(source)
+    found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)
     if plot is not None or html is not None:
@@ -85,16 +82,24 @@ def _runs(
     order: str | None,
     since: str | None,
     until: str | None,
+    scheduler: str | None,
 ) -> Runs:
     with without_collector():
-        from jbclog.analysis.opening import open_runs
+        from jbclog.analysis.runs import open_runs
         from jbclog.cli.runs import moment
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     begin, end = moment("--since", since), moment("--until", until, is_end=True)
     return open_runs(
-        folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end
+        folder,
+        line=line,
+        recipe=recipe,
+        product=product,
+        order=order,
+        since=begin,
+        until=end,
+        scheduler=scheduler,
     )
 
 

@@ -26,7 +26,7 @@ from jbclog.config.schema import (
     unknown,
 )
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
+from jbclog.core.toml import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.protocol.commands.family import FAMILIES
 
 IS_NO_BATCH: Final = (

@@ -11,8 +11,8 @@ from jbclog.config.recipe import COMMAND_OF, Asked, Recipe, asked_in
 from jbclog.config.recipe_sections import RecipeTables
 from jbclog.config.schema import read_file, read_table
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.quantities import OFF
+from jbclog.core.toml import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.ranges import range_problem
 
@@ -279,7 +279,7 @@ _PLACEHOLDER: Final[dict[str, object]] = {
 
 
 def load_recipe(path: Path, *, links: bool = True) -> Recipe:
-    """Read a recipe; `links` as in `open_foreign`. Raises Problems with all its mistakes."""
+    """Read a recipe; `links` as in `open_regular`. Raises Problems with all its mistakes."""
     return parse_recipe(read_text(path, links=links), path)
 
 

@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 
 from jbclog.config.recipe_sections import PortSettings, RecipeTables
 from jbclog.config.schema import CheckedFile, Table
-from jbclog.core.foreign.toml_reader import KeyPath
 from jbclog.core.quantities import Value
+from jbclog.core.toml import KeyPath
 from jbclog.protocol.commands.family import FAMILIES, Family
 
 # The writing order lets a run stop anywhere without leaving the tool in a worse state:

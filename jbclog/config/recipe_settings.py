@@ -8,8 +8,8 @@ from typing import Final
 
 from jbclog.config.load_recipe import SECTION_FAMILIES
 from jbclog.config.recipe import COMMAND_OF, WHEN_OFF, Asked, Recipe, asked_in
-from jbclog.core.foreign.toml_reader import dotted
 from jbclog.core.quantities import OFF, Value, raw_share
+from jbclog.core.toml import dotted
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import ConditionRecord

@@ -25,8 +25,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from jbclog.core.errors import Problem
-from jbclog.core.foreign.toml_reader import MAX_PROBLEMS, KeyPath, TomlText, hidden, too_large
 from jbclog.core.quantities import OFF, Off
+from jbclog.core.toml import MAX_PROBLEMS, KeyPath, TomlText, hidden, too_large
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import CONDITIONS, is_condition
 

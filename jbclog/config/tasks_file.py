@@ -27,7 +27,7 @@ from pydantic import Field
 from jbclog.config.schema import NAME_ALLOWED, Families, FromList, Name, Table, read_file
 from jbclog.config.task_names import STATED
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
+from jbclog.core.toml import KeyPath, TomlText, parse, read_text, shortened
 
 DAYS: Final = "days"
 COUNTERS: Final = {

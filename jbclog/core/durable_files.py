@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
-from jbclog.core.foreign.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
+from jbclog.core.json_files import json_of
 from jbclog.core.text import count_text
 
 
@@ -113,7 +113,7 @@ def line_of(fields: Mapping[str, object]) -> bytes:
 
 def fields_of(line: bytes) -> dict[str, object]:
     """Parse a line and drop its hash. Raises ValueError."""
-    fields = json_of(line, in_utf8=True)
+    fields = json_of(line)
     if not isinstance(fields, dict) or "sha256" not in fields:
         raise ValueError("no chained line")
     return {name: value for name, value in fields.items() if name != "sha256"}

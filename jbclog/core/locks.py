@@ -15,8 +15,8 @@ from functools import cache
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, NotReadable, open_foreign
-from jbclog.core.foreign.json_reader import read_json
+from jbclog.core.files import Kind, NotReadable, open_regular
+from jbclog.core.json_files import read_json
 
 
 def try_lock(path: Path) -> int | None:
@@ -44,7 +44,7 @@ def is_locked(path: Path) -> bool:
     name is no lock of jbclog: nobody holds it. Creates nothing. Raises OSError.
     """
     try:
-        file = open_foreign(path, Kind.LOCK)
+        file = open_regular(path, Kind.LOCK)
     except (FileNotFoundError, NotReadable):
         return False
     with file:

@@ -17,8 +17,8 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Final
 
-from jbclog.core.foreign.files import Kind, cut_blank_end, open_to_write
-from jbclog.core.foreign.json_reader import read_json
+from jbclog.core.files import Kind, cut_blank_end, open_to_write
+from jbclog.core.json_files import read_json
 from jbclog.core.text import clean
 
 NAME: Final = "guard.jsonl"

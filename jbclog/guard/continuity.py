@@ -28,7 +28,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from jbclog.core.foreign.json_reader import builder
+from jbclog.core.json_files import builder
 from jbclog.guard.lease import StationLease
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.status import NO_STATUS, StatusWord

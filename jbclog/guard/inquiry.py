@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, Self
 
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.serial_line import is_one_port
 
 ANSWER_S: Final = 9.0  # a try of the guard takes 3 s; 8 s with a driver that hangs

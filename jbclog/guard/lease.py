@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
 
@@ -41,7 +41,7 @@ class StationLease:
     Nothing is written to a station unless it answers `model` and `software`. If the model's name
     does not prove the family, `model_accepted` must hold: the line file accepts the model, and the
     run confirmed the family by reads. `suction`: ports whose suction was last confirmed on, and
-    stays on; leases of the first release lack it.
+    stays on.
     """
 
     name: str
@@ -72,12 +72,15 @@ class StationLease:
     @classmethod
     def from_json(cls, text: str | bytes) -> StationLease:
         """Parse a lease. Raises ValueError, also for a key of a later version, which may forbid
-        what this version would do.
+        what this version would do, and for one that is missing.
         """
         plain = json_of(text)
         lease = _build_station_lease(plain)
-        if unknown := plain.keys() - {one.name for one in fields(cls)}:
+        keys = {one.name for one in fields(cls)}
+        if unknown := plain.keys() - keys:
             raise ValueError(f"unknown keys {', '.join(sorted(unknown))}")
+        if missing := keys - plain.keys():
+            raise ValueError(f"missing keys {', '.join(sorted(missing))}")
         return lease
 
 
@@ -136,7 +139,7 @@ def why_unreadable(folder: Path) -> str:
 
 def _read(folder: Path) -> tuple[list[StationLease], str]:
     try:
-        lines = read_foreign(folder / NAME, Kind.LEASE).splitlines()
+        lines = read_regular(folder / NAME, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return [], ""
     except (OSError, ValueError) as error:

@@ -18,7 +18,7 @@ from contextlib import suppress
 from enum import Enum
 from typing import Final
 
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.json_files import builder, json_of
 from jbclog.guard.continuity import Continuity, build_proof
 from jbclog.guard.lease import StationLease
 

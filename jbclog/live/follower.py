@@ -19,7 +19,6 @@ from typing import Final
 
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import expect_answer
 from jbclog.core.locks import commit_status
 from jbclog.live.run_follower import RunFollower
 from jbclog.live.states import RunState
@@ -46,7 +45,6 @@ class Follower:
         self.path = Path(path)
         self._clock, self._counts_joints = clock, joints
         self._run: RunFollower | None = None
-        expect_answer(self.path)
         if not self.path.is_dir():
             raise RecordError(f"{self.path} does not exist, or is not a folder")
         self._is_run = is_run(self.path)

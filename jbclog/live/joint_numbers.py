@@ -20,7 +20,7 @@ from typing import Final
 from jbclog.core.children import kill
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.rows import PortKey
 from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 

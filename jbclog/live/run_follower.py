@@ -13,7 +13,6 @@ import pyarrow as pa
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import commit_status, is_held
 from jbclog.core.rows import TABLES, StationFacts
 from jbclog.live.event_history import EventHistory, SettingHistory
@@ -26,7 +25,8 @@ from jbclog.live.view import RunView
 from jbclog.record.batches import keep_pandas_out
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, facts_in, merged_facts, read_manifest
-from jbclog.record.parts import group_of, groups_of, part_paths, parts_through
+from jbclog.record.part_file import open_part
+from jbclog.record.parts import Seals, group_of, groups_of, part_paths, parts_through
 
 NEWEST_BATCHES: Final = 90  # batches of samples: more than a minute of commits
 NEWEST_GROUPS: Final = 2  # row groups of a sealed run: more than 32 000 rows
@@ -242,14 +242,19 @@ class RunFollower:
             return
         self._store.close()
         self._begin()
+        seals = self._seals()
         for table in ("events", "settings", "counters"):
-            for group in groups_of(part_paths(self.folder, table)):
+            for group in groups_of(part_paths(self.folder, table), seals=seals):
                 self._add(table, group)
-        groups = _groups_in(part_paths(self.folder, "samples"))
+        groups = _groups_in(part_paths(self.folder, "samples"), seals)
         for path, index in groups[-NEWEST_GROUPS:]:
-            self._add("samples", _group(path, index))
-        self._earlier = (_group(path, index) for path, index in groups[:-NEWEST_GROUPS])
+            self._add("samples", _group(path, index, seals))
+        self._earlier = (_group(path, index, seals) for path, index in groups[:-NEWEST_GROUPS])
         self._is_begun = self._is_from_parts = True
+
+    def _seals(self) -> Seals:
+        files = [] if self._manifest is None else self._manifest.files
+        return {self.folder / file.path: file for file in files}
 
     def _read_earlier(self) -> None:
         """Read older samples for `EARLIER_S`."""
@@ -299,20 +304,15 @@ def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:
         store.close()
 
 
-def _groups_in(parts: list[Path]) -> list[tuple[Path, int]]:
+def _groups_in(parts: list[Path], seals: Seals) -> list[tuple[Path, int]]:
     """Return part and number of each row group. Raises `RecordError`."""
-    found: list[tuple[Path, int]] = []
+    groups: list[tuple[Path, int]] = []
     for path in parts:
-        try:
-            found += [(path, index) for index in range(metadata_of(path).num_row_groups)]
-        except (pa.ArrowException, OSError) as error:
-            raise RecordError(f"{path} is no readable part: {error}") from error
-    return found
+        with open_part(path, seals.get(path)) as part:
+            groups += [(path, index) for index in range(part.num_row_groups)]
+    return groups
 
 
-def _group(path: Path, index: int) -> pa.Table:
-    try:
-        with open_table(path) as file:
-            return group_of(file, path.parent.name, index)
-    except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path}, row group {index}: {error}") from error
+def _group(path: Path, index: int, seals: Seals) -> pa.Table:
+    with open_part(path, seals.get(path)) as part:
+        return group_of(part, path.parent.name, index)

@@ -16,7 +16,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
-from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.files import Kind, open_regular
 
 T = TypeVar("T")
 
@@ -51,7 +51,7 @@ class DatabasePages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = open_foreign(path, Kind.STORE)
+        self._file = open_regular(path, Kind.STORE)
         self._log: BufferedReader | None = None
         self._begin_log(b"")
         self._from_file: set[int] = set()
@@ -142,7 +142,7 @@ class DatabasePages:
     def _open_log(self) -> None:
         self._close_log()
         try:
-            self._log = open_foreign(self._log_path, Kind.STORE)
+            self._log = open_regular(self._log_path, Kind.STORE)
         except FileNotFoundError:
             self._log = None
 

@@ -13,7 +13,7 @@ from jbclog.live.sqlite_pages import DatabasePages, Malformed
 INTERIOR, LEAF = 5, 13  # page types of a table
 FILE_HEADER: Final = 100  # bytes before the content of page 1
 DEEPEST: Final = 20
-LONGEST: Final = 96 << 20  # bytes of a row, as in `core/foreign/database.py`
+LONGEST: Final = 96 << 20  # bytes of a row, as in `core/database.py`
 MOST_TABLES: Final = 1 << 20  # bytes of the list of tables
 MOST_COLUMNS: Final = 32
 FIRST, LAST = -(1 << 63), (1 << 63) - 1  # row numbers

@@ -30,8 +30,8 @@ from jbclog.core.durable_files import (
     sync_folder,
 )
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import Kind, each_line, open_foreign
-from jbclog.core.foreign.json_reader import expect_time
+from jbclog.core.files import Kind, each_line, open_regular
+from jbclog.core.json_files import expect_time
 from jbclog.core.locks import try_lock
 from jbclog.core.quantities import LARGEST
 from jbclog.maintenance.counter_totals.observed import (
@@ -296,7 +296,7 @@ class Book:
 def read_book(path: Path) -> Book:
     """Return the ledger at `path`; an empty one if there is no file. Raises `RecordError`."""
     try:
-        with open_foreign(path, Kind.LEDGER, links=True) as file:
+        with open_regular(path, Kind.LEDGER, links=True) as file:
             found: LineChain[Entry] = chain_of(
                 each_line(file),
                 FIRST,

@@ -38,8 +38,8 @@ from jbclog.core.durable_files import (
     sync_folder,
 )
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import builder
 from jbclog.core.rows import TipCheck
 
 # -- station reading -------------------------------------------------------------------------------
@@ -330,7 +330,7 @@ def read_book(out: Path) -> Book:
     """Return every verification in the folder `out`; none without a file. Raises `RecordError`."""
     try:
         found = chain_in(
-            read_foreign(out / NAME, Kind.VERIFICATIONS),
+            read_regular(out / NAME, Kind.VERIFICATIONS),
             FIRST,
             _parsed,
             what="verification",

@@ -32,8 +32,8 @@ from jbclog.core.durable_files import (
     sha256,
 )
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder, decoder
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import builder, decoder
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
@@ -112,7 +112,7 @@ def append(
 
     try:
         with suppress(FileNotFoundError):
-            read_foreign(folder / NAME, Kind.ANNOTATIONS)  # refuses a file that is too large
+            read_regular(folder / NAME, Kind.ANNOTATIONS)  # refuses a file that is too large
         return add_line(folder / NAME, first, _parsed, made)
     except OSError as error:
         raise RecordError(
@@ -139,11 +139,16 @@ def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
     """
     first = manifest_sha256 or _first_link(folder)
     try:
-        data = read_foreign(folder / NAME, Kind.ANNOTATIONS)
+        data = read_regular(folder / NAME, Kind.ANNOTATIONS)
     except FileNotFoundError:
         return Annotations(head=first, links={first: 0})
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
+    return annotations_in(data, first)
+
+
+def annotations_in(data: bytes, first: str) -> Annotations:
+    """Return the annotations in the bytes of their file; `first` is the hash of the manifest."""
     found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
     lines = lines_in(data)
     vouching = {
@@ -200,7 +205,7 @@ def _fit(name: str, text: str) -> str:
 def _first_link(folder: Path) -> str:
     """Return the manifest's hash. Raises RecordError if the run is not sealed."""
     try:
-        data = read_foreign(folder / MANIFEST, Kind.MANIFEST)
+        data = read_regular(folder / MANIFEST, Kind.MANIFEST)
         state = _read_state(data).state
     except (OSError, ValueError) as error:
         raise RecordError(f"{folder} has no manifest that can be read") from error
@@ -218,10 +223,15 @@ def late_serials(folder: Path) -> list[str]:
     """Return the serials added to a run after sealing. Raises RecordError."""
     path = folder / NAME
     try:
-        if LATE.encode() not in read_foreign(path, Kind.ANNOTATIONS):
+        if LATE.encode() not in read_regular(path, Kind.ANNOTATIONS):
             return []
     except FileNotFoundError:
         return []
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
-    return [said.what for said in read(folder).said if said.kind == LATE]
+    return late_in(read(folder))
+
+
+def late_in(annotations: Annotations) -> list[str]:
+    """Return the serials that annotations add."""
+    return [said.what for said in annotations.said if said.kind == LATE]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.rows import EventRow
 from jbclog.core.text import count_text
 from jbclog.record.folder import LETTERS, RUN_NAME
@@ -122,9 +122,9 @@ def _whole(value: int | None) -> int | None:
 # run is the newest sealed one by its folder's name, which begins with its start; open runs and
 # unreadable manifests are skipped.
 
-# hex digits of the short form: 96 bits, too many for a forged second record
+# hex digits of the short form: 96 bits, too many for a second record with the same
 SHOWN: Final = 24
-LEAST: Final = 16  # digits in reports of the first release
+LEAST: Final = 16  # digits in reports of 0.1.0
 HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
 
 
@@ -146,9 +146,8 @@ def digits(typed: str) -> int:
 
 def previous_run(out: Path, line: str, own: Path | None = None) -> Previous:
     """Return the previous run for a new run of `line` below `out`, or for the one in the folder
-    `own`. Raises RecordError if the network mount of `out` hangs.
+    `own`.
     """
-    expect_answer(out)
     others = [name for name in _runs_of(out, line) if own is None or name != own.name]
     for folder in (out / name for name in reversed(others)):
         with suppress(RecordError, OSError):
@@ -208,7 +207,7 @@ def _behind(folder: Path, manifest: Manifest) -> Iterator[str]:
     own = manifest_sha256(folder)
     for path in (folder.parent / name for name in _runs_of(folder.parent, manifest.line.name)):
         with suppress(RecordError, OSError):
-            if path.name == folder.name or manifest.run.encode() not in read_foreign(
+            if path.name == folder.name or manifest.run.encode() not in read_regular(
                 path / NAME, Kind.MANIFEST
             ):
                 continue

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.errors import RecordError, unexpected_error_text
-from jbclog.core.foreign.files import DEEPEST, is_plain_folder
+from jbclog.core.files import DEEPEST, is_plain_folder
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
 from jbclog.core.text import count_text, shortened
 from jbclog.record import capture, chains, sealed_files
@@ -33,6 +33,7 @@ from jbclog.record.manifest import (
     read_manifest,
     wrong_digest,
 )
+from jbclog.record.part_file import CHANGED
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.units import units_of
 
@@ -53,10 +54,11 @@ class Finding(NamedTuple):
         return f"{self.file}: {self.text}"
 
 
-def check(folder: Path, head: str | None = None) -> list[Finding]:
+def check(folder: Path, head: str | None = None, *, with_report: bool = True) -> list[Finding]:
     """Return every disagreement within the run. Raises `RecordError` if the folder is not a run.
 
-    `head` is an earlier fingerprint of the run, from a report.
+    `head` is an earlier fingerprint of the run, from a report. `with_report`: False for a copy of a
+    published run, which has no report.
     """
     manifest = read_manifest(folder)
     digest = wrong_digest(folder)
@@ -71,12 +73,12 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
             ),
         ]
     for kind in (
-        cross_check(folder, manifest, head),
+        cross_check(folder, manifest, head, with_report=with_report),
         _files(folder, manifest),
         _wires(folder, manifest),
     ):
         findings += _first(kind)
-    unreadable = [*_first(_unreadable(folder, manifest))]
+    unreadable = [*_first(_unreadable(folder))]
     if unreadable:
         return findings + unreadable
     try:
@@ -96,8 +98,8 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
 
 
 def _first(findings: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """Yield the first `MOST_OF_A_KIND`, and how many more there are, so that a long forged list
-    does not hide the other kinds.
+    """Yield the first `MOST_OF_A_KIND`, and how many more there are, so that a long list does not
+    hide the other kinds.
     """
     more, last = 0, NAME
     for number, (last, text) in enumerate(findings):
@@ -139,9 +141,9 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
         yield Finding(listed.path, "is missing")
     elif (size := path.stat().st_size) != listed.bytes:
         yield Finding(listed.path, f"has {size} bytes, the manifest says {listed.bytes}")
-        yield Finding(listed.path, sealed_files.CHANGED)  # known without reading gigabytes
+        yield Finding(listed.path, CHANGED)  # known without reading gigabytes
     elif sealed_file(folder, path, listed.rows).sha256 != listed.sha256:
-        yield Finding(listed.path, sealed_files.CHANGED)
+        yield Finding(listed.path, CHANGED)
 
 
 def _unlisted(folder: Path, listed: Container[str], below: str = "") -> Iterator[Finding]:
@@ -169,15 +171,14 @@ def _unlisted(folder: Path, listed: Container[str], below: str = "") -> Iterator
             yield from _unlisted(path, listed, f"{name}/")
 
 
-def _unreadable(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    rows = {file.path: file.rows for file in manifest.files}
+def _unreadable(folder: Path) -> Iterator[Finding]:
     for table in TABLES:
         if not part_paths(folder, table):
             yield Finding(f"{table}/", "has no part")
         for path in part_paths(folder, table):
             try:
-                read_through(path, rows.get(f"{table}/{path.name}"))
-            except (pa.ArrowException, OSError, RecordError) as error:
+                read_through(path)
+            except (OSError, RecordError) as error:
                 yield Finding(f"{table}/{path.name}", f"cannot be read: {error}")
 
 

@@ -19,9 +19,8 @@ import pyarrow.compute as pc
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import json_of
-from jbclog.core.foreign.tables import metadata_of, open_table
+from jbclog.core.files import Kind, open_regular, read_regular
+from jbclog.core.json_files import json_of
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
@@ -43,6 +42,7 @@ from jbclog.record.manifest import (
     merged_facts,
     write_manifest,
 )
+from jbclog.record.part_file import open_part
 from jbclog.record.parts import (
     DAMAGE_NOTES,
     REMAINS,
@@ -106,7 +106,7 @@ def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     """
     found: dict[str, Lease] = {}
     try:
-        lines = read_foreign(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
+        lines = read_regular(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return found, ""
     except (OSError, ValueError) as error:
@@ -234,9 +234,9 @@ def _last_read(
     """Return the last reading of each place, searching the samples from their end."""
     found: dict[tuple[str, int | None], Last] = {}
     for path in reversed(part_paths(folder, "samples")):
-        with open_table(path) as file:
-            for index in reversed(range(file.num_row_groups)):
-                group = file.group(index, COLUMNS)
+        with open_part(path) as part:
+            for index in reversed(range(part.num_row_groups)):
+                group = part.group(index, COLUMNS)
                 for place in places - found.keys():
                     last = _last_in(group, *place)
                     if last is not None:
@@ -436,7 +436,7 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
     """Yield every file of the record with its rows, size and hash."""
     for table in TABLES:
         for path in part_paths(folder, table):
-            yield sealed_file(folder, path, metadata_of(path).num_rows)
+            yield _sealed_part(folder, path)
     for name in TAKEN_IN:
         there = folder / name
         for path in (
@@ -447,8 +447,18 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
             )
 
 
+def _sealed_part(folder: Path, path: Path) -> SealedFile:
+    with open_part(path) as part:
+        rows, footer = part.num_rows, part.footer
+    return replace(
+        sealed_file(folder, path, rows),
+        footer_bytes=len(footer),
+        footer_sha256=hashlib.sha256(footer).hexdigest(),
+    )
+
+
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
-    with open_foreign(path, Kind.RECORD) as file:
+    with open_regular(path, Kind.RECORD) as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return SealedFile(path.relative_to(folder).as_posix(), rows, path.stat().st_size, digest)
 

@@ -13,16 +13,17 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import repeat
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign, why_link_hangs
-from jbclog.core.foreign.json_reader import decoder, expect_period, expect_time
+from jbclog.core.files import Kind, read_regular
+from jbclog.core.json_files import decoder, expect_period, expect_time
 from jbclog.core.locks import is_held
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
@@ -41,6 +42,8 @@ from jbclog.record.manifest import (
 )
 
 MOST_WHY: Final = 500  # characters of the reason why a manifest cannot be read
+THREADS: Final = 8
+AT_ONCE: Final = 256  # manifests given to the threads
 MOST_COPIES: Final = 10  # named individually
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 ENDINGS: Final = {
@@ -194,7 +197,7 @@ class Filter:
             (self.station, run.stations),
             (self.recipe, [*run.recipes, *(recipe.rpartition("@")[0] for recipe in run.recipes)]),
             (self.verdict and self.verdict.upper(), [run.verdict]),
-            (self.state, [run.state, run.exit_status, run.shown_state]),
+            (self.state, [run.shown_state]),
             *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
         ]
         if any(text is not None and not _fits(text, those) for text, those in sought):
@@ -262,11 +265,25 @@ def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
     """Yield the matching runs directly below `folder`, or `folder` itself if it is one. Raises
     RecordError if it cannot be read.
     """
-    for path in runs_in(folder):
-        if wanted.may_have(path):
-            run = summary_of(path, wanted)
-            if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
-                yield run
+    paths = [path for path in runs_in(folder) if wanted.may_have(path)]
+    for run in _summaries(paths, wanted):
+        if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
+            yield run
+
+
+def _summaries(paths: Sequence[Path], wanted: Filter) -> Iterator[Found | Unreadable | None]:
+    """Read the manifests in order, several at a time: on a network share most of the time is spent
+    waiting for it.
+    """
+    if len(paths) < AT_ONCE:
+        yield from (summary_of(path, wanted) for path in paths)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # a start looks at a few runs only
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        for start in range(0, len(paths), AT_ONCE):  # no more than these after the last one wanted
+            some = paths[start : start + AT_ONCE]
+            yield from pool.map(summary_of, some, repeat(wanted))
 
 
 def once(found: Iterable[Found]) -> tuple[list[Found], list[Copy]]:
@@ -304,18 +321,38 @@ def copies_texts(copies: Sequence[Copy]) -> list[str]:
 
 def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     """Read a run's manifest; None if its bytes show that it does not match."""
-    hangs = why_link_hangs(folder)
-    if hangs is not None:
-        return Unreadable(folder, hangs)
-    path = folder / NAME
     try:
-        data = read_foreign(path, Kind.MANIFEST)
+        data = read_regular(folder / NAME, Kind.MANIFEST)
+    except FileNotFoundError:
+        return Unreadable(
+            folder,
+            "it has no manifest: cut off at its very start, or no run; `jbclog recover`"
+            " finishes it",
+        )
+    except OSError as error:
+        return Unreadable(folder, shortened(f"its manifest cannot be read: {error}", MOST_WHY))
+    has_annotations = (folder / ANNOTATIONS).exists()
+    return summary_in(
+        data, folder, wanted, lambda: late_serials(folder), has_annotations=has_annotations
+    )
+
+
+def summary_in(
+    data: bytes,
+    folder: Path,
+    wanted: Filter,
+    late: Callable[[], Sequence[str]],
+    *,
+    has_annotations: bool,
+) -> Found | Unreadable | None:
+    """Return the summary of the manifest in `data`; None if it shows that the run does not match.
+    `late` returns the serials that annotations of a sealed run add.
+    """
+    try:
         if wanted.had_ended(data):
             return None
         changed = why_changed(data)
-        if changed is None and not wanted.may_be_in(
-            data, has_annotations=(folder / ANNOTATIONS).exists()
-        ):
+        if changed is None and not wanted.may_be_in(data, has_annotations=has_annotations):
             return None
         summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
@@ -324,24 +361,21 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
             expect_time(time)
         for station in summary.stations:
             expect_period(station.period_s)
-        return _found(folder, summary, changed, hashlib.sha256(data).hexdigest())
-    except FileNotFoundError:
-        return Unreadable(
-            folder,
-            "it has no manifest: cut off at its very start, or no run; `jbclog recover`"
-            " finishes it",
-        )
+        serials = late() if summary.state == SEALED else ()
+        return _found(folder, summary, changed, hashlib.sha256(data).hexdigest(), serials)
     except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
         return Unreadable(folder, shortened(f"its manifest cannot be read: {error}", MOST_WHY))
 
 
-def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) -> Found:
+def _found(
+    folder: Path, summary: _Summary, changed: str | None, sha256: str, late: Sequence[str]
+) -> Found:
     state = summary.state if summary.state == SEALED else RUNNING if is_held(folder) else CRASHED
     metadata = summary.metadata
     serials = [
         *metadata.units,
         *(unit.serial for unit in summary.units),
-        *(late_serials(folder) if state == SEALED else ()),
+        *late,
     ]
     return Found(
         folder=folder,
@@ -378,7 +412,6 @@ def runs_in(folder: Path) -> list[Path]:
     """Return the runs' folders directly below `folder` by name, or `folder` itself if it is one.
     Raises RecordError.
     """
-    expect_answer(folder)
     try:
         if RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name) or (folder / NAME).exists():
             return [folder]
@@ -388,11 +421,10 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def _is_run(home: Path, name: str) -> bool:
-    """Whether it is a run's folder, by its name or, if renamed, by its content; or if it leads to a
-    network mount that hangs. A folder of another name that may not be entered is none: a disk has
-    `lost+found`.
+    """Whether it is a run's folder, by its name or, if renamed, by its content. A folder of another
+    name that may not be entered is none: a disk has `lost+found`.
     """
-    if RUN_NAME.fullmatch(name) or why_link_hangs(home / name) is not None:
+    if RUN_NAME.fullmatch(name):
         return True
     with suppress(OSError):
         return (home / name / NAME).exists()

@@ -12,9 +12,9 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import Problems, RecordError
-from jbclog.core.foreign.files import NotReadable, entries_below, expect_answer
-from jbclog.core.foreign.toml_reader import parse, read_text
+from jbclog.core.files import NotReadable, entries_below
 from jbclog.core.rows import StationFacts
+from jbclog.core.toml import parse, read_text
 
 FOLDER: Final = "recipes"
 # added after sealing; never part of the record
@@ -75,7 +75,6 @@ def create_run(out: Path, line_name: str, utc_s: float) -> Path:
     if not LINE_NAME.fullmatch(line_name):
         raise RecordError(f"{line_name!r} cannot be part of a folder's name")
     start = datetime.fromtimestamp(utc_s, UTC).strftime("%Y%m%dT%H%M%SZ")
-    expect_answer(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         folder = _make(out, f"{start}-{line_name}")

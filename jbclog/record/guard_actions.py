@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, cut_blank_end, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import Kind, cut_blank_end, read_regular
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult
@@ -84,7 +84,7 @@ def action_log(folder: Path) -> list[EventRow]:
     """Return the readable lines of the guard's action log as events."""
     try:
         lines = (
-            read_foreign(folder / ACTION_LOG, Kind.ACTION_LOG)
+            read_regular(folder / ACTION_LOG, Kind.ACTION_LOG)
             .rstrip(BLANK)
             .decode(errors="replace")
             .splitlines()

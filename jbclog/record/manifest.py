@@ -15,8 +15,9 @@ from typing import Final
 from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
-from jbclog.core.foreign.json_reader import (
+from jbclog.core.files import LIMITS, Kind, read_regular
+from jbclog.core.goal import Goal
+from jbclog.core.json_files import (
     builder,
     expect_moment,
     expect_period,
@@ -24,7 +25,6 @@ from jbclog.core.foreign.json_reader import (
     json_of,
     read_json,
 )
-from jbclog.core.goal import Goal
 from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, StationFacts, TipCheck
 from jbclog.core.states import StationOutcome
 from jbclog.record.manifest_counts import MOST, expect_counts
@@ -33,40 +33,10 @@ NAME: Final = "manifest.json"
 MOST_SAID: Final = 500
 ROUND_A_UNIT: Final = 8  # bytes at most around a unit: its comma, line end and indentation
 END: Final = b"\n}\n"
+SINCE_DIGEST: Final = "units"  # a key that came with the digest: manifests of 0.1.0 have neither
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
 _DIGEST_BYTES: Final = len(DIGEST % ("0" * 64))
-OF_0_1: Final = frozenset(
-    {
-        *(
-            "schema",
-            "run",
-            "state",
-            "exit_status",
-            "exit_code",
-            "verdict",
-            "verdict_rules",
-            "started",
-            "ended",
-            "t0_mono",
-        ),
-        *(
-            "t0_utc",
-            "line",
-            "recipes",
-            "metadata",
-            "host",
-            "rate",
-            "guard",
-            "wire",
-            "stations",
-            "ledger",
-            "lost",
-            "files",
-            "previous",
-        ),
-    }
-)
 """The keys of manifests without a digest."""
 
 
@@ -175,12 +145,22 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: path in the folder, rows (None: no table), size, hash."""
+    """A file of the run: path in the folder, rows (None: no table), size, hash.
+
+    Of a part also length and hash of its footer, from the first byte of its metadata to the end of
+    the file; None for other files, and in manifests of 0.1.0.
+    """
 
     path: str
     rows: int | None
     bytes: int
     sha256: str
+    footer_bytes: int | None = None
+    footer_sha256: str | None = None
+
+    def in_report(self) -> dict[str, object]:
+        """Return what a report repeats of the entry."""
+        return {"path": self.path, "rows": self.rows, "bytes": self.bytes, "sha256": self.sha256}
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,9 +184,9 @@ class Manifest:
     without serial captures, ``whole`` with complete ones, else what is missing. `previous`: None if
     the recorder ended before it searched. `units`: those whose serials were read during the run;
     units named at its start are in `metadata`. `verifications`: the tip verifications in force at
-    the start. `goals`: the numbers after which it was to end, and their results. `rules`: version
-    of the rules and methods of its verdict (`analysis/rule_versions.py`); 1 in older records, which
-    lack it.
+    the start. `goals`: the numbers after which it was to end, and their results. `rules`: number
+    of the rules and methods of its verdict (`analysis/rules_number.py`); runs of 0.1.0 lack it, and
+    have 1.
 
     The file has a last key `digest`: the SHA-256 of the file without it.
     """
@@ -281,7 +261,7 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """What a report shows of a rule of the verdict; an older release wrote fewer fields."""
+    """What a report shows of a rule of the verdict; 0.1.0 wrote fewer fields."""
 
     name: str = ""
     station: str | None = None
@@ -307,7 +287,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read a run's manifest. Raises RecordError if it is missing, invalid, or of a newer jbclog."""
     path = folder / NAME
     try:
-        data = read_json(path, Kind.MANIFEST, in_utf8=True)
+        data = read_json(path, Kind.MANIFEST)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(
@@ -430,7 +410,7 @@ def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
 def manifest_sha256(folder: Path) -> str:
     """Return the run's fingerprint, cited by notes, reports and runs. Raises RecordError."""
     try:
-        return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
+        return hashlib.sha256(read_regular(folder / NAME, Kind.MANIFEST)).hexdigest()
     except OSError as error:
         raise NoManifest(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
 
@@ -440,15 +420,13 @@ def wrong_digest(folder: Path) -> str | None:
 
     It shows accidental changes: a deliberate change of the manifest can include the digest.
     """
-    return why_changed(read_foreign(folder / NAME, Kind.MANIFEST))
+    return why_changed(read_regular(folder / NAME, Kind.MANIFEST))
 
 
 def has_digest(folder: Path) -> bool:
-    """Return True if the manifest has a digest; those of the first release have none. Raises
-    OSError.
-    """
+    """Return True if the manifest has a digest; those of 0.1.0 have none. Raises OSError."""
     return (
-        _DIGEST.fullmatch(read_foreign(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
+        _DIGEST.fullmatch(read_regular(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
     )
 
 
@@ -457,8 +435,8 @@ def why_changed(data: bytes) -> str | None:
     found = _DIGEST.fullmatch(data[-_DIGEST_BYTES:])
     if found is None:
         plain = json_of(data)
-        is_old = isinstance(plain, dict) and plain.keys() <= OF_0_1
-        return None if is_old else "has lost its digest: it was changed"
+        is_of_0_1 = isinstance(plain, dict) and SINCE_DIGEST not in plain
+        return None if is_of_0_1 else "has lost its digest: it was changed"
     without = data[:-_DIGEST_BYTES] + END
     return (
         None

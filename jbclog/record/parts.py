@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import count
-from math import prod
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import pyarrow as pa
@@ -25,12 +25,13 @@ import pyarrow.parquet as pq
 
 from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, NotReadable, is_plain_folder, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
-from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
+from jbclog.core.files import Kind, is_plain_folder, read_regular
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.rows import TABLES
 from jbclog.core.text import count_text
-from jbclog.record.schema import FIRST_IN, SCHEMAS, TEXT, lacking_in, with_columns
+from jbclog.record.manifest import SealedFile
+from jbclog.record.part_file import PartFile, open_part
+from jbclog.record.schema import SCHEMAS, TEXT, lacking_in, with_columns
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
 # includes the notes. Damaged files are set aside in `damaged/`.
@@ -84,7 +85,7 @@ def note_damage(folder: Path, found: Iterable[Damage]) -> None:
 def read_damage(folder: Path) -> list[Damage]:
     try:
         lines = (
-            read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
+            read_regular(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
         )
     except FileNotFoundError:
         return []
@@ -118,13 +119,15 @@ THROUGH: Final = b"jbclog.through"
 PART: Final = re.compile(r"part-[0-9]{1,9}\.parquet")
 PROBE: Final = "probe"  # file name for testing a new folder
 HALF_A_LEASE: Final = "lease.json.new"
-MOST_PLACES: Final = 4096  # a run has at most 512 stations, with four ports each
 PREPARING: Final = "."  # readers of Parquet folders ignore names that begin with a dot
 
 Groups = Callable[[], Iterable[pa.Table]]
 """Returns the rows of a part, a row group at a time; the same ones on each call."""
 Wanted = Callable[[int], bool]
 """Returns True if a row group of a table is to be read, by its number from 0 over all parts."""
+Seals = Mapping[Path, SealedFile]
+"""Entries of parts in the manifest of a sealed run."""
+NO_SEALS: Final[Seals] = MappingProxyType({})
 
 
 def part_paths(folder: Path, table: str) -> list[Path]:
@@ -142,17 +145,15 @@ def through(folder: Path, table: str) -> int:
     return parts_through(part_paths(folder, table))
 
 
-def parts_through(parts: list[Path]) -> int:
+def parts_through(parts: list[Path], seals: Seals = NO_SEALS) -> int:
     """As `through`, for parts listed before."""
-    return part_through(parts[-1]) if parts else 0
+    return part_through(parts[-1], seals.get(parts[-1])) if parts else 0
 
 
-def part_through(path: Path) -> int:
+def part_through(path: Path, seal: SealedFile | None = None) -> int:
     """Return the number of the last batch in a part. Raises `RecordError` if it is not readable."""
-    try:
-        last = (metadata_of(path).metadata or {}).get(THROUGH, b"")
-    except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path} is no readable part: {error}") from error
+    with open_part(path, seal) as part:
+        last = (part.metadata.metadata or {}).get(THROUGH, b"")
     if not re.fullmatch(rb"[0-9]{1,19}", last):
         problem = f"is {last!r:.40}, no number" if last else "is missing"
         raise RecordError(
@@ -216,17 +217,14 @@ def _compare(path: Path, groups: Groups) -> None:
     """Raise RecordError unless the file, as read back, equals `groups`: jbclog must be able to read
     what it writes.
     """
-    try:
-        with open_table(path) as file:
-            written = 0
-            for group in groups():
-                if written >= file.num_row_groups or not file.group(written).equals(group):
-                    raise RecordError(f"{path}: row group {written} is not what was written")
-                written += 1
-            if written != file.num_row_groups:
-                raise RecordError(f"{path}: {file.num_row_groups} row groups instead of {written}")
-    except NotReadable as error:
-        raise RecordError(f"{path} would not be read again: it {error}") from error
+    with open_part(path) as part:
+        written = 0
+        for group in groups():
+            if written >= part.num_row_groups or not part.group(written).equals(group):
+                raise RecordError(f"{path}: row group {written} is not what was written")
+            written += 1
+        if written != part.num_row_groups:
+            raise RecordError(f"{path}: {part.num_row_groups} row groups instead of {written}")
 
 
 def regroup(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:
@@ -256,29 +254,35 @@ def groups_of(
     *,
     coded: bool = False,
     wanted: Wanted | None = None,
+    seals: Seals = NO_SEALS,
+    on_damage: Callable[[str], None] | None = None,
 ) -> Iterator[pa.Table]:
     """Yield the rows of these parts by row groups, all or only those `wanted`; `coded`: with
-    dictionaries for texts.
+    dictionaries for texts. A part with an entry in `seals` must agree with it.
+
+    A damaged row group is left out and reported to `on_damage`; without that it is an error.
     """
-    numbers, places = count(), _Places()
+    numbers = count()
     for path in parts:
-        with _opened(path, coded=coded) as file:
-            for index in range(file.num_row_groups):
+        with _opened(path, seals.get(path), coded=coded) as part:
+            for index in range(part.num_row_groups):
                 number = next(numbers)
                 if wanted is not None and not wanted(number):
                     continue
                 try:
-                    group = group_of(file, path.parent.name, index, columns)
-                    places.add(group)
-                except (pa.ArrowException, OSError, RecordError) as error:
-                    raise RecordError(f"{path}, row group {index}: {error}") from error
+                    group = group_of(part, path.parent.name, index, columns)
+                except RecordError as error:
+                    if on_damage is None:
+                        raise
+                    on_damage(str(error))
+                    continue
                 yield group
 
 
 def group_of(
-    file: ParquetTable, table: str, index: int, columns: Sequence[str] | None = None
+    file: PartFile, table: str, index: int, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Return a row group of a part; columns that its version lacks are null."""
+    """Return a row group of a part; columns that the part lacks are null."""
     lacking = lacking_in(table, file.schema.names)
     if not lacking:
         return file.group(index, columns)
@@ -289,38 +293,17 @@ def group_of(
     return rows.select([name for name in rows.column_names if name in asked])
 
 
-class _Places:
-    """Counts the stations and ports in the rows read, because code that splits rows by them does
-    not expect a million.
-    """
-
-    def __init__(self) -> None:
-        self._found: dict[str, set[object]] = {"station": set(), "port": set()}
-
-    def add(self, rows: pa.Table) -> None:
-        """Add the places in `rows`. Raises `RecordError` for more than a run can have."""
-        for name, found in self._found.items():
-            if name in rows.column_names:
-                found.update(rows[name].unique().to_pylist())
-        if prod(max(len(found), 1) for found in self._found.values()) > MOST_PLACES:
-            raise RecordError(f"rows of more than {MOST_PLACES} stations and ports")
-
-
 @contextmanager
-def _opened(path: Path, *, coded: bool) -> Iterator[ParquetTable]:
-    """Open a part; check its pages by checksums, its footer by content. Raises RecordError."""
+def _opened(path: Path, seal: SealedFile | None, *, coded: bool) -> Iterator[PartFile]:
+    """Open a part and check that it has the columns of its table. Raises RecordError."""
     table = path.parent.name
     schema = SCHEMAS[table]
-    texts = [one.name for one in schema if one.type == TEXT and (table, one.name) not in FIRST_IN]
-    with ExitStack() as opened:
-        try:
-            file = opened.enter_context(open_table(path, texts if coded else ()))
-        except (pa.ArrowException, OSError) as error:
-            raise RecordError(f"{path} is no readable part: {error}") from error
-        lacking = lacking_in(table, file.schema.names)
-        if not file.schema.equals(pa.schema([one for one in schema if one.name not in lacking])):
+    texts = [one.name for one in schema if one.type == TEXT]
+    with open_part(path, seal, texts if coded else ()) as part:
+        lacking = lacking_in(table, part.schema.names)
+        if not part.schema.equals(pa.schema([one for one in schema if one.name not in lacking])):
             raise RecordError(f"{path} is no part of {table}: its columns are others")
-        yield file
+        yield part
 
 
 def remove_leavings(folder: Path) -> None:
@@ -343,15 +326,11 @@ def remove_unfinished(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def read_through(path: Path, listed_rows: int | None = None) -> None:
-    """Read a part to its end, verifying the checksums of its pages. Raises `RecordError`.
-
-    `listed_rows` is the number in the manifest: nothing is read of a part that declares more.
-    """
+def read_through(path: Path) -> None:
+    """Read a part to its end, verifying the checksums of its pages. Raises `RecordError`."""
     part_through(path)
-    declared = metadata_of(path).num_rows
-    if listed_rows is not None and declared > listed_rows:
-        raise RecordError(f"{path} has {declared} rows, the manifest says {listed_rows}")
+    with open_part(path) as part:
+        declared = part.num_rows
     rows = sum(len(group) for group in groups_of([path]))
     if rows != declared:
         raise RecordError(f"{path} holds {rows} rows, its footer says {declared}")

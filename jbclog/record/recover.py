@@ -17,10 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-import pyarrow as pa
-
 from jbclog.core.errors import Problems, RecordError, Unsafe
-from jbclog.core.foreign.files import expect_answer, why_link_hangs
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
 from jbclog.core.text import count_text
@@ -102,7 +99,7 @@ def set_parts_aside(folder: Path, manifest: Manifest) -> None:
 def _unreadable(path: Path) -> str | None:
     try:
         read_through(path)
-    except (pa.ArrowException, OSError, RecordError) as error:
+    except (OSError, RecordError) as error:
         return f"cannot be read: {sealed_files.portable(error, path)}"
     return None
 
@@ -142,8 +139,6 @@ def is_run(folder: Path) -> bool:
     """Whether `folder` is a run's folder, also one that a crash left empty. One of another name
     that may not be entered is none.
     """
-    if why_link_hangs(folder) is not None:
-        return True  # perhaps; `recover` says so
     with suppress(OSError):
         return folder.is_dir() and (
             bool(RUN_NAME.fullmatch(folder.name))
@@ -157,7 +152,6 @@ def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
     """Recover the run in `folder`, or every run directly below it; a refusal does not stop the
     others.
     """
-    expect_answer(folder)
     runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
     return [_tried(run, patience_s) for run in runs]
 
@@ -178,9 +172,6 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     Raises `RecordError`, and leaves the record unchanged, if the run is being written, is of a
     newer jbclog, or the disk fails.
     """
-    hangs = why_link_hangs(folder)
-    if hangs is not None:
-        raise RecordError(f"{folder}: {hangs}; nothing was changed")
     if not is_run(folder):
         raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)

@@ -1,13 +1,10 @@
-"""Compare sealed files with the manifest before they are shown or replayed.
-
-Parquet's checksums do not cover its footer, where one flipped bit changes times, types and counts;
-the manifest's hashes do.
+"""Compare sealed files with the manifest before they are shown or replayed. Parts are compared by
+their footers when they are opened (`part_file`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +12,8 @@ from jbclog.core.errors import RecordError
 from jbclog.core.text import clean
 from jbclog.record.capture import FOLDER, Head, Hole, holes, is_done, read_head, wire_paths
 from jbclog.record.conclude import sealed_file
-from jbclog.record.manifest import NAME, Manifest, wrong_digest
+from jbclog.record.manifest import NAME, Manifest, SealedFile, wrong_digest
+from jbclog.record.part_file import CHANGED
 
 
 def expect_manifest_unchanged(folder: Path) -> None:
@@ -31,42 +29,30 @@ def expect_manifest_unchanged(folder: Path) -> None:
         )
 
 
-def expect_unchanged(folder: Path, manifest: Manifest, table: str, parts: Sequence[Path]) -> None:
-    """Raise `RecordError` unless the parts of a sealed run's table are the sealed ones."""
+def seals_of(
+    folder: Path, manifest: Manifest, table: str, parts: Sequence[Path]
+) -> dict[Path, SealedFile]:
+    """Return the entry of each part of a table in the manifest of a sealed run. Raises
+    `RecordError` if a part is missing or not listed.
+    """
     listed = {
-        file.path: file.sha256 for file in manifest.files if file.path.startswith(f"{table}/")
+        folder / file.path: file for file in manifest.files if file.path.startswith(f"{table}/")
     }
-    there = {path.relative_to(folder).as_posix(): path for path in parts}
-    for name in sorted(listed.keys() | there.keys()):
-        trouble = _trouble(there.get(name), listed.get(name), folder)
-        if trouble:
-            raise RecordError(
-                f"{folder / name} {trouble}, so {table} are not shown; `jbclog check {folder}`"
-                " lists all findings"
-            )
-
-
-def _trouble(path: Path | None, sha256: str | None, folder: Path) -> str | None:
-    if path is None:
-        return "is missing"
-    if sha256 is None:
-        return "is not in the manifest"
-    try:
-        there = path.stat()
-        found = _sha256(folder, path, there.st_mtime_ns, there.st_size)
-    except OSError as error:
-        return f"cannot be read: {error.strerror or error}"
-    return None if found == sha256 else "was changed: its SHA-256 is not the manifest's"
-
-
-@lru_cache(4096)
-def _sha256(folder: Path, path: Path, _mtime_ns: int, _size: int) -> str:
-    """Return the SHA-256 of a file, computed again only if its time or size changes."""
-    return sealed_file(folder, path, None).sha256
+    for path in sorted({*listed, *parts}):
+        if path not in parts:
+            trouble = "is missing"
+        elif path not in listed:
+            trouble = "is not in the manifest"
+        else:
+            continue
+        raise RecordError(
+            f"{path} {trouble}, so {table} are not shown; `jbclog check {folder}` lists all"
+            " findings"
+        )
+    return listed
 
 
 PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # files that a replay reads
-CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
 MOST_LOSSES: Final = 100  # of a capture, reported one by one
 
 

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.database import Database, NotAStore, open_database
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.database import Database, NotAStore, open_database
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.record.batches import MOST_PACKED, Batch
 
@@ -147,9 +147,9 @@ class Segment:
     def is_begun(self) -> bool:
         """True if its tables exist: a kill can come between creating the file and creating them.
 
-        Raises `NotAStore` for any other table, view or trigger.
+        Raises `NotAStore` if it has others.
         """
-        return self._db.expect_tables(COLUMNS)
+        return self._db.has_tables(COLUMNS)
 
     def add(self, batches: Iterable[Batch], notes: Notes) -> None:
         """Store everything in one synced transaction. Raises sqlite3.Error, with nothing stored."""
@@ -206,7 +206,6 @@ class Segment:
 
     def notes(self, kind: str) -> dict[str, str]:
         """Return the notes of a kind by key, without those whose checksum fails."""
-        self._db.within()
         found, size = dict[str, str](), 0
         for key, text, crc in self._db.execute(
             "SELECT key, text, crc FROM note WHERE kind = ?", (kind,)
@@ -220,7 +219,6 @@ class Segment:
 
     def index(self) -> Iterator[tuple[int, str, int]]:
         """Yield each batch's number, table and declared rows. Raises sqlite3.DatabaseError."""
-        self._db.within()
         rows = self._db.execute(_INDEX)
         for count, (number, name, declared) in enumerate(rows):
             if count >= MOST_BATCHES:
@@ -231,7 +229,6 @@ class Segment:
         """Return a batch; None if it is missing. Raises sqlite3.DatabaseError for a damaged page,
         `NotAStore` for a batch that is too large.
         """
-        self._db.within()
         row = self._db.execute(_GET, (MOST_PACKED, number)).fetchone()
         if row is None:
             return None

@@ -11,8 +11,8 @@ from typing import Final
 
 import pyarrow as pa
 
+from jbclog.core.database import NotAStore
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.database import NotAStore
 from jbclog.core.rows import TABLES
 from jbclog.record.batches import MOST_ROWS, Damaged, decode
 from jbclog.record.parts import ROWS_A_GROUP, Damage, regroup, through

@@ -3,7 +3,7 @@
 240 runs share one record of two stations with its report (``--short``: 60). The figures are CPU per
 run, the minimum of interleaved rounds: finding the runs as `jbclog runs` does; a trend of one
 metric over them, over as many with a recorder's metrics instead of a report, and over a few with
-neither. None uses an index (`bench_index.py`). The baseline reads each `manifest.json` and parses
+neither. The baseline reads each `manifest.json` and parses
 it with Python's `json`, without any check.
 
 The limits are ratios to that baseline, which differ little between machines, and 3 ms a run for a
@@ -23,10 +23,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from common import at_most, in_own_process, is_short, judge, show
 
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
-from jbclog.analysis.runs import Records
+from jbclog.analysis.runs import Records, open_runs
 from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.analysis.trend import trends
 from jbclog.record.find_runs import find

@@ -15,6 +15,11 @@ FOLDER = ROOT / "docs" / "decisions"
 TEMPLATE, *RECORDS = sorted(FOLDER.glob("[0-9]*.md"))
 LONGEST = 60
 """Lines: one page."""
+INDEX = FOLDER / "index.md"
+WITHDRAWN = [
+    int(number)
+    for number in re.findall(r"^- (\d+): \S", INDEX.read_text(encoding="utf-8"), re.MULTILINE)
+]
 
 FORM = re.compile(
     r"# (?P<number>\d+)\. (?P<title>[^\n]+)\n\n"
@@ -37,7 +42,10 @@ def form_of(path: Path) -> re.Match[str]:
 
 
 def test_the_numbers_have_no_gap() -> None:
-    assert [int(path.name[:4]) for path in (TEMPLATE, *RECORDS)] == list(range(len(RECORDS) + 1))
+    """A withdrawn record keeps its number, as a line of the index."""
+    numbers = [int(path.name[:4]) for path in (TEMPLATE, *RECORDS)]
+    assert sorted([*numbers, *WITHDRAWN]) == list(range(len(numbers) + len(WITHDRAWN)))
+    assert sorted(WITHDRAWN) == WITHDRAWN
     assert TEMPLATE.name == "0000-template.md"
 
 

@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
-from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
 from support.campaigns.each_row import each_row
 from support.readers.command_line import calls, wrong
 from support.readers.texts import DOCS, FENCE, ROOT, text_of
@@ -84,44 +83,6 @@ def has_campaign(path: Path) -> bool:
     return any(
         sign in text for sign in ("pytest.mark.campaign", "pytest.mark.soak", "slices import")
     )
-
-
-def test_the_sizes_of_foreign_files_are_the_limits() -> None:
-    rows = dict(
-        re.findall(
-            r"^\| ([^|]+) \| (\d+ [KMG]iB) \|$",
-            text_of("explanation/foreign-files.md"),
-            re.MULTILINE,
-        )
-    )
-    units = {"KiB": KIB, "MiB": MIB, "GiB": GIB}
-    told = {names: int(size.split()[0]) * units[size.split()[1]] for names, size in rows.items()}
-    kinds = {
-        "manifest, annotations, verifications, a job's state": (
-            Kind.MANIFEST,
-            Kind.ANNOTATIONS,
-            Kind.VERIFICATIONS,
-            Kind.JOB,
-        ),
-        "report.json": (Kind.REPORT,),
-        "other files of a report": (Kind.OF_REPORT,),
-        "lease": (Kind.LEASE,),
-        "metrics that a recorder left (`metrics.parquet`; 32 MiB unpacked)": (Kind.CACHE,),
-        "file of a store's log": (Kind.STORE_LOG,),
-        "a store's hint at a checkpoint": (Kind.CHECKPOINT_HINT,),
-        "index of runs in the user's cache folder"
-        " (32 MiB a run; 192 MiB and 1 000 000 rows of a folder and a kind)": (Kind.INDEX,),
-        "guard's log, list of damage": (Kind.ACTION_LOG, Kind.DAMAGE),
-        "lock; line, recipe or jobs file": (Kind.LOCK, Kind.SETTINGS),
-        "store of a batch (100 000 rows a query), batch journal of an earlier release": (
-            Kind.JOURNAL,
-        ),
-        "audit ledger": (Kind.LEDGER,),
-        "serial capture, part of a table": (Kind.WIRE, Kind.PART),
-        "live store": (Kind.STORE,),
-    }
-    assert told.keys() == kinds.keys()
-    assert all(LIMITS[kind] == told[names] for names, some in kinds.items() for kind in some)
 
 
 def test_the_false_alarms_are_those_that_charts_state() -> None:

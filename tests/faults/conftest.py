@@ -1,5 +1,5 @@
 """Shared by several files here, made once each: libraries that make a disk or memory fail
-(`failing_disk.c`, `failing_alloc.c`), a served line, a process that forks for each call.
+(`failing_disk.c`, `failing_alloc.c`), and a served line.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from support.campaigns.foreign_matrix import Pairs
 from support.faults import failing_run
 from support.virtual.served_line import ServedLine
 
@@ -44,10 +43,3 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
     """Four stations that outlive all runs of a file, with their logs."""
     with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
         yield served
-
-
-@pytest.fixture(scope="module")
-def pairs() -> Iterator[Pairs]:
-    made = Pairs()
-    yield made
-    made.close()

@@ -33,10 +33,10 @@ from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.config.recipe_settings import settings_for, station_settings_for
 from jbclog.core.errors import Problems, RecordError
-from jbclog.core.foreign.json_reader import json_of
-from jbclog.core.foreign.toml_reader import MAX_PROBLEMS
+from jbclog.core.json_files import json_of
 from jbclog.core.rows import TABLES
 from jbclog.core.serial_line import BAUDRATES
+from jbclog.core.toml import MAX_PROBLEMS
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, read_leases, why_unreadable
 from jbclog.protocol import omega
@@ -48,8 +48,8 @@ from jbclog.record.capture import (
     count_rows,
     is_done,
     mend,
-    read_exchanges,
     read_head,
+    read_to_hole,
     rows_and_holes,
     wire_path,
 )
@@ -312,7 +312,7 @@ def _looked(data: bytes, folder: Path) -> list[Any]:
     for look in (
         read_head,
         lambda path: found.extend(rows_and_holes(path)),
-        lambda path: [*read_exchanges(path)],
+        lambda path: [*read_to_hole(path)],
     ):
         with suppress(RecordError):
             look(path)

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbclog.core.foreign.tables import open_table
+from jbclog.record.part_file import open_part
 
 Floats = NDArray[np.float64]
 # from a step's event to the first row after it; rows are written during an outage too
@@ -39,7 +39,7 @@ def steps_of(folder: Path) -> list[Step]:
     """Return the steps of the wall clock in a sealed run, oldest first."""
     found = []
     for part in sorted((folder / "events").glob("part-*.parquet")):
-        with open_table(part) as table:
+        with open_part(part) as table:
             found += [
                 step
                 for events in table.groups(["time", "kind", "value"])

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import BinaryIO, Final, Literal
 
 from jbclog.app.batch.store import ADD_EVENT, BatchStore
-from jbclog.core.foreign.files import Kind, open_to_write, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import Kind, open_to_write, read_regular
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource
@@ -116,7 +116,7 @@ class JobDir:
     def process(self) -> int | None:
         """Return the id of the job's process; None until the process has written it."""
         with contextlib.suppress(OSError, ValueError):
-            return int(read_foreign(self.folder / LOCK, Kind.LOCK))
+            return int(read_regular(self.folder / LOCK, Kind.LOCK))
         return None
 
     # -- the job -----------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ class JobDir:
         """Return the last line of the process's output, which may say why it died."""
         with contextlib.suppress(OSError):
             lines = (
-                read_foreign(self.folder / NOTES, Kind.JOB)
+                read_regular(self.folder / NOTES, Kind.JOB)
                 .decode(errors="replace")
                 .strip()
                 .splitlines()

@@ -16,7 +16,7 @@ from jbclog.config.job_order import Turn, read_at
 from jbclog.config.jobs_file import JobsFile, JobTable
 from jbclog.config.line import AUTO, Line, load_line
 from jbclog.core.errors import Problem, Problems, UsageError
-from jbclog.core.foreign.toml_reader import shortened
+from jbclog.core.toml import shortened
 from jbclog.transport.typed_lines import is_plain_file
 
 KEYS: Final = {

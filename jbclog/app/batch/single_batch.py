@@ -13,8 +13,8 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import Kind, open_foreign, open_to_write
-from jbclog.core.foreign.json_reader import read_json
+from jbclog.core.files import Kind, open_regular, open_to_write
+from jbclog.core.json_files import read_json
 
 LOCK: Final = "lock"
 WIDTH: Final = 200
@@ -42,7 +42,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
                 f"{jobs_file}: {_holder(home)}; nothing was started. End it there, or wait for"
                 " its end"
             )
-        with open_foreign(jobs_file, Kind.SETTINGS, links=True) as file:
+        with open_regular(jobs_file, Kind.SETTINGS, links=True) as file:
             if not _lock(file.fileno()):
                 raise UsageError(
                     f"{jobs_file}: another batch of this file runs with another --out; nothing was"

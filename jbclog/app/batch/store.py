@@ -8,8 +8,6 @@ The rules:
    wait for it, `BUSY_S` at most. A process killed in a transaction leaves nothing of it.
 3. SQLite does not detect a row that was changed or deleted. The hash chain of the journal's lines
    does.
-4. A batch of an earlier release has files in place of the store. They are read, and `import_files`
-   copies them once the batch is resumed.
 """
 
 from __future__ import annotations
@@ -23,14 +21,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from jbclog.core.database import Database, open_database
 from jbclog.core.durable_files import sync_folder
-from jbclog.core.foreign.database import Database, open_database
-from jbclog.core.foreign.files import LIMITS, Kind, expect_regular, read_foreign
+from jbclog.core.files import Kind, expect_regular
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0
-# rows of one query; a thousand jobs, each started ten times, take 40 000
-MOST_ROWS: Final = 100_000
 COLUMNS: Final = {
     "journal": ("number", "line"),
     "attempt": ("name", "spec", "run", "progress", "result", "ended"),
@@ -62,14 +58,11 @@ class BatchStore:
         self._using = threading.RLock()
 
     def rows(self, sql: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of a query, at most `MOST_ROWS`; none if there is no store."""
+        """Return the rows of a query; none if there is no store."""
         with self._using, _as_os_error():
             if self._db is None and not self.path.exists():
                 return []
-            db = self._opened()
-            db.within()
-            most_bytes = LIMITS[Kind.JOURNAL]
-            return db.rows(sql, values, most_rows=MOST_ROWS, most_bytes=most_bytes)
+            return self._opened().execute(sql, values).fetchall()
 
     @contextmanager
     def transaction(self, *, synced: bool = True) -> Iterator[Database]:
@@ -78,7 +71,6 @@ class BatchStore:
             db = self._opened()
             if db.in_transaction:  # the end of the transaction failed
                 db.execute("ROLLBACK")
-            db.within()
             db.execute(f"PRAGMA synchronous = {'FULL' if synced else 'NORMAL'}")
             try:
                 db.execute("BEGIN IMMEDIATE")
@@ -105,7 +97,7 @@ class BatchStore:
                 expect_regular(self.path, Kind.JOURNAL)
             db = open_database(self.path, only_reads=False, busy_s=BUSY_S, kind=Kind.JOURNAL)
             try:
-                if not db.expect_tables(COLUMNS):
+                if not db.has_tables(COLUMNS):
                     _create(db)
                     sync_folder(self.path.parent)
             except BaseException:
@@ -130,33 +122,3 @@ def _as_os_error() -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         raise OSError(getattr(error, "sqlite_errorcode", 0), str(error)) from error
-
-
-# -- batches of earlier releases -------------------------------------------------------------------
-
-OLD_JOURNAL: Final = "journal.jsonl"
-OLD_SPEC, OLD_RUN, OLD_RESULT, OLD_EVENTS = "job.json", "run.json", "said.json", "events.jsonl"
-_ADD_ATTEMPT: Final = "INSERT INTO attempt (name, spec, run, result, ended) VALUES (?, ?, ?, ?, ?)"
-
-
-def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) -> None:
-    """Copy an old journal and its attempts' files, once, in one transaction. Raises `OSError`."""
-    with store.transaction() as db:
-        if db.execute("SELECT 1 FROM journal LIMIT 1").fetchone():
-            return
-        db.executemany(ADD_LINE, [(line,) for line in lines])
-        for folder in attempts:
-            result = _old_text(folder / OLD_RESULT)
-            ended = None if result is None else (folder / OLD_RESULT).stat().st_mtime
-            spec = (_old_text(folder / OLD_SPEC) or "").encode()
-            db.execute(
-                _ADD_ATTEMPT, (folder.name, spec, _old_text(folder / OLD_RUN), result, ended)
-            )
-            events = (_old_text(folder / OLD_EVENTS) or "").splitlines()
-            db.executemany(ADD_EVENT, [(folder.name, line) for line in events])
-
-
-def _old_text(path: Path) -> str | None:
-    with contextlib.suppress(OSError):
-        return read_foreign(path, Kind.JOURNAL).decode(errors="replace")
-    return None

@@ -15,7 +15,7 @@ from jbclog.analysis.run_joints import joints_with_units
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
-from jbclog.core.text import clean
+from jbclog.core.text import clean, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.check import check
@@ -36,9 +36,9 @@ CHECKED: Final = "hashes, counts and chains agree"
 NOT_CHECKED: Final = "not checked (--unchecked)"
 
 
-def expect_whole(run: Run) -> None:
+def expect_whole(run: Run, *, with_report: bool = True) -> None:
     """Raise `RecordError` if `jbclog check` finds anything, or the run is not sealed."""
-    found = check(run.folder)
+    found = check(run.folder, with_report=with_report)
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
         text = (
@@ -46,6 +46,10 @@ def expect_whole(run: Run) -> None:
             " lists all findings"
         )
         raise RecordError(f"{text}, --unchecked exports what can be read")
+
+
+def _warn_of(damage: str) -> None:
+    warn(f"{damage}; the rows of this group are left out")
 
 
 class Source:
@@ -58,10 +62,12 @@ class Source:
     def pieces(self, table: str) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, at most one row group at a time; no piece is empty.
 
-        Raises `RecordError`.
+        Raises `RecordError`. An unchecked export leaves damaged row groups out, with a warning for
+        each.
         """
+        on_damage = None if self.is_checked else _warn_of
         pieces = (
-            self.run.groups(table, SCHEMAS[table].names)
+            self.run.groups(table, SCHEMAS[table].names, on_damage=on_damage)
             if table in SCHEMAS
             else iter([self._computed(table)])
         )

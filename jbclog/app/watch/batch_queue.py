@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -14,10 +13,10 @@ from jbclog.app.batch.job_dir import JobProgress
 from jbclog.app.batch.journal import SUFFIX, parsed
 from jbclog.app.batch.single_batch import LOCK
 from jbclog.app.batch.state import Attempt, BatchState, JobState, State, batch_state
-from jbclog.app.batch.store import MOST_ROWS, NAME
+from jbclog.app.batch.store import NAME
 from jbclog.config.durations import span_s
-from jbclog.core.foreign.files import LIMITS, Kind
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.files import LIMITS, Kind
+from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.text import clean
 from jbclog.live.follower import is_run
@@ -128,13 +127,7 @@ def _values(pages: DatabasePages, table: str) -> list[list[Value]]:
     if table not in found:
         return []
     most = LIMITS[Kind.JOURNAL]
-    values = [
-        row.values(pages)
-        for row in islice(rows(pages, found[table], most_bytes=most), MOST_ROWS + 1)
-    ]
-    if len(values) > MOST_ROWS:
-        raise Malformed(f"its {table} has more than {MOST_ROWS} rows")
-    return values
+    return [row.values(pages) for row in rows(pages, found[table], most_bytes=most)]
 
 
 def _progress(text: Value) -> JobProgress:

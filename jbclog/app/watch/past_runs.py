@@ -12,7 +12,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.foreign.files import Kind, open_foreign, why_link_hangs
+from jbclog.core.files import Kind, open_regular
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.text import clean, json_line, shortened
 from jbclog.live.follower import is_run
@@ -60,9 +60,8 @@ def past_runs(path: Path) -> list[dict[str, object]]:
 
 def _run(run: Path) -> dict[str, object]:
     text, has_report = NOT_READABLE, False
-    if why_link_hangs(run) is None:
-        with suppress(OSError):  # a folder that this user may not enter
-            text, has_report = _text(run), (run / REPORT).is_file()
+    with suppress(OSError):  # a folder that this user may not enter
+        text, has_report = _text(run), (run / REPORT).is_file()
     return {"name": run.name, "text": text, "report": has_report}
 
 
@@ -71,7 +70,7 @@ def open_report(path: Path, name: str) -> BufferedReader:
     home = path.absolute().parent if is_run(path) else path
     if not RUN_NAME.fullmatch(name) or (home / name).is_symlink():
         raise FileNotFoundError(name)
-    return open_foreign(home / name / REPORT, Kind.OF_REPORT)
+    return open_regular(home / name / REPORT, Kind.OF_REPORT)
 
 
 def _text(run: Path) -> str:

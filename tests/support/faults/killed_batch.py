@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from jbclog.core.foreign.database import Database
+from jbclog.core.database import Database
 
 P = ParamSpec("P")
 R = TypeVar("R")

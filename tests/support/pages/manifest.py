@@ -47,7 +47,7 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.exit_status": "`success`, `aborted`, `failed`, `lost`; null: not known yet",
     "manifest.json.exit_code": "[exit code](exit-codes.md) of the run",
     "manifest.json.verdict": "verdict",
-    "manifest.json.rules": "version of the rules and methods of the verdict",
+    "manifest.json.rules": "number of the rules and methods of the verdict",
     "manifest.json.verdict_rules": (
         "each rule of the verdict: name, station, port, limit, observed, unit, result, text"
     ),
@@ -143,6 +143,8 @@ MEANINGS: Mapping[str, str] = {
     "files.rows": "rows; null: it has none",
     "files.bytes": "size",
     "files.sha256": "SHA-256",
+    "files.footer_bytes": "of a part: bytes of its footer, to the end of the file",
+    "files.footer_sha256": "of a part: SHA-256 of its footer",
     "previous.run": "its name",
     "previous.sha256": "its fingerprint, in full",
     "previous.text": "why there is none, or why it is not known",

@@ -34,9 +34,11 @@ def said(*options: str, access: PortAccess | None = None) -> tuple[int, list[str
 def test_a_machine_where_everything_is_fine(place: Path) -> None:
     code, lines = said()
     assert code == 0
-    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 4
+    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 5
     assert lines[2] == "fine     open leases: they can be listed"
-    assert lines[3:] == ["fine     USB: no USB serial port is connected", "no findings"]
+    assert lines[3] == "fine     USB: no USB serial port is connected"
+    assert lines[4].startswith("fine     memory: commands that read records use at most ")
+    assert lines[5:] == ["no findings"]
     assert sorted(path.name for path in place.iterdir()) == ["line.toml"]
 
 
@@ -70,8 +72,9 @@ def test_json(place: Path) -> None:
         "clock",
         "guard.list",
         "port.missing",
+        "memory",
     ]
-    assert [one["step"] is None for one in told["looked"]] == [True, True, True, False]
+    assert [one["step"] is None for one in told["looked"]] == [True, True, True, False, True]
 
 
 def test_a_wrong_line_file_is_wrong_usage(place: Path) -> None:

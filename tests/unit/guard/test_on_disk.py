@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import LIMITS, Kind
+from jbclog.core.files import LIMITS, Kind
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease as leases
 from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog

@@ -11,7 +11,7 @@ import pytest
 
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import LIMITS, Kind
+from jbclog.core.files import LIMITS, Kind
 from jbclog.record.annotations import append, late_serials
 from jbclog.record.check import check
 from jbclog.record.manifest import Metadata, Unit, iso, read_manifest, write_manifest
