@@ -54,6 +54,7 @@ def publish(
     """
     from jbclog.record.published import Tree
 
+    _expect_table(table)
     tree = Tree.at(table)
     folders = [*(_sealed_in(runs) if is_all else _runs(runs))]
     if check:
@@ -67,6 +68,24 @@ def publish(
         raise typer.Exit(Exit.RECORD)
 
 
+def _expect_table(table: Path) -> None:
+    """Raise `UsageError` if TABLE is a run, or a folder of runs: its own files would lie among
+    those of the table.
+    """
+    from jbclog.record.manifest import NAME
+
+    if (table / NAME).exists():
+        raise UsageError(
+            f"{table}: is a run; the last argument is the table: jbclog publish RUN… TABLE."
+            " Nothing was published"
+        )
+    if any(table.glob(f"*/{NAME}")):
+        raise UsageError(
+            f"{table}: is a folder of runs; give a folder of its own for the table. Nothing was"
+            " published"
+        )
+
+
 def _runs(paths: Iterable[Path]) -> Iterator[Path]:
     for path in paths:
         expect_run(path)
@@ -76,10 +95,15 @@ def _runs(paths: Iterable[Path]) -> Iterator[Path]:
 def _sealed_in(homes: Iterable[Path]) -> Iterator[Path]:
     """Yield the sealed runs in some folders; the others are noted."""
     from jbclog.record.find_runs import SEALED, Unreadable, find
+    from jbclog.record.published import is_table
 
     for home in homes:
         if not is_folder(home):
             raise UsageError(NO_FOLDER.format(home))
+        if is_table(home):
+            raise UsageError(
+                f"{home}: is a table of published runs; give the folder of the runs themselves"
+            )
         for found in find(home):
             if isinstance(found, Unreadable):
                 note(f"{found.folder}: {found.why}")

@@ -70,6 +70,7 @@ NOT_AS_PLANNED = frozenset(
 ACCEPT.
 """
 
+NOT_SAFE: Final = "safety.not_safe"
 OUTAGES: Final = frozenset({"link.flooded", "link.lost", "robot.off"})
 BACK: Final = frozenset({"link.back", "robot.on"})
 """Events at the end of an outage; their value is its length in seconds."""
@@ -288,9 +289,13 @@ def deviations(events: Sequence[Event]) -> Iterator[Rule]:
             of_links.setdefault(event.station, []).append(event)
     for (kind, station, port), same in found.items():
         text = same[0].text
+        count = len(same)
         if kind in OUTAGES:
             text = f"{text} {_outages_text(same, of_links[station])}"
-        yield Rule(kind, station, port, None, len(same), "", Result.DEVIATION, text)
+        if kind == NOT_SAFE:  # each says how often the tool has been ordered by then
+            text = same[-1].text
+            count = 1
+        yield Rule(kind, station, port, None, count, "", Result.DEVIATION, text)
 
 
 def _outages_text(outages: Sequence[Event], of_link: Sequence[Event]) -> str:

@@ -352,3 +352,17 @@ def test_a_damaged_derived_file_stays_out_of_the_table(run: Path, tree: Tree) ->
     joints.write_bytes(joints.read_bytes()[:-4])
     publish(run, tree)
     assert tree.stored([key_of(run.name, "joints.parquet")]) == {}
+
+
+def test_a_run_or_a_folder_of_runs_is_no_table(run: Path, tmp_path: Path) -> None:
+    """`jbclog publish runs/*` without TABLE would put a table among the files of the last run."""
+    before = sorted(run.rglob("*"))
+    for table, why in ((run, "is a run; the last argument"), (run.parent, "is a folder of runs")):
+        ended = invoked("publish", run, table)
+        assert (ended.exit_code, ended.stdout) == (2, "")
+        assert f"{table}: {why}" in ended.stderr
+    assert sorted(run.rglob("*")) == before
+    assert invoked("publish", run, tmp_path / "table").exit_code == 0
+    ended = invoked("publish", "--all", tmp_path / "table", tmp_path / "other")
+    assert ended.exit_code == 2
+    assert "is a table of published runs" in ended.stderr

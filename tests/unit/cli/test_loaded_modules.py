@@ -102,6 +102,7 @@ RUN = PLAN | {
     *(
         "guard.blind_orders",
         "guard.continuity",
+        "guard.identifying",
         "guard.takeover",
         "guard.watch",
         "maintenance",
@@ -111,7 +112,7 @@ RUN = PLAN | {
     "protocol.client.question",
     *("protocol.client.interface", "protocol.client.make", "protocol.client.omega"),
     *("protocol.client.robot", "protocol.client.timing", "protocol.commands.decisions"),
-    *("protocol.frame", "protocol.omega"),
+    *("protocol.commands.plugged_hours", "protocol.frame", "protocol.omega"),
     *("record", "record.batches", "record.chains", "record.folder", "record.guard_actions"),
     *("record.live", "record.manifest", "record.manifest_counts", "record.port_owner"),
     *("record.schema", "record.seal_child", "record.store"),
