@@ -344,8 +344,8 @@ def _concatenated(joints: list[pa.Table]) -> pa.Table:
 
 def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array]:
     """Yield the columns of a port's joints in the order of the table."""
-    joints, rated_w, found = one.measured.joints, one.facts.rated_power_w, one.measured.found
-    number_why = None if found is None else found.why
+    joints, rated_w = one.measured.joints, one.facts.rated_power_w
+    number_why = one.measured.number_why
 
     def floats(name: str, decimals: int = DECIMALS) -> pa.Array:
         return _rounded(floats_of(joints, name), decimals)

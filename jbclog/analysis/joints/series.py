@@ -83,6 +83,11 @@ class Series:
             else max(2 * GAP_PERIODS * self.period_s, 0.5)
         )
 
+    @property
+    def cut_s(self) -> float:
+        """Interval in s between two readings above which a stretch ends."""
+        return max(self.gap_s, BRIDGED_S) + 1e-6
+
     def window(self, values: Floats, start_s: float, end_s: float) -> Window:
         """Return the readings of one column from `start_s` to `end_s`, both included."""
         first, last = np.searchsorted(self.seconds, [start_s - 1e-6, end_s + 1e-6])
@@ -245,6 +250,8 @@ SHORTEST_S = 3.0
 MOST_BEYOND: Final = 0.5  # periods by which the last row of a stretch may be later than its reading
 BRIDGED_S = 0.5
 """Shorter times without readings are interpolated: a gap would cut a draw across it in two."""
+MOST_LATE_S: Final = 0.5
+"""The time before a late reading may be longer by this, because no row is absent in it."""
 
 RISE_C, RISE_K_PER_S = 25.0, 300.0
 FALL_C, FALL_K_PER_S = 60.0, 400.0
@@ -265,7 +272,7 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
         return []
     moments = series.moments
     moved, took_s = np.diff(rows.temperature[places]), np.diff(moments[places])
-    apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
+    apart = _is_gap(series, np.diff(rows.seconds[places]), took_s)
     leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (
         -moved > np.maximum(FALL_C, FALL_K_PER_S * took_s)
     )
@@ -281,6 +288,18 @@ def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
         _on_even_grid(series, setting, piece, begin) for piece, begin in every if len(piece) > 1
     ]
     return [stretch for stretch in found if len(stretch) * series.period_s >= SHORTEST_S]
+
+
+def _is_gap(series: Series, due_s: Floats, took_s: Floats) -> Flags:
+    """Return whether readings that were due so far apart, and made so far apart, have a gap between
+    them that cuts a stretch.
+
+    The rows after a late reading are skipped, but the time without a reading lies before it. So
+    rows without readings are no gap if the readings on both sides came close together, and a
+    reading that came very late has a gap before it.
+    """
+    is_absent = (due_s > series.cut_s) & (took_s > series.cut_s)
+    return is_absent | (took_s > series.cut_s + MOST_LATE_S)
 
 
 def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
@@ -301,6 +320,7 @@ class Unseen:
     def __init__(self) -> None:
         self._seconds, self._pieces = 0.0, 0
         self._last_s: float | None = None
+        self._last_read_s = 0.0
         self._since_s: float | None = None  # since when nothing is seen, if that continues
         self._period_s = 0.0
 
@@ -321,15 +341,20 @@ class Unseen:
         lost = (series.rows.working[own] | ~series.known[own]) & ~analysed
         if self._last_s is not None:
             at = np.concatenate(([self._last_s], at))
+            moments = np.concatenate(([self._last_read_s], moments))
             lost = np.concatenate(([self._since_s is not None], lost))
-        steps = np.diff(at)
-        absent = steps[(steps > max(series.gap_s, BRIDGED_S)) & ~lost[:-1] & ~lost[1:]] - period
-        self._count(absent)
+            analysed = np.concatenate(([False], analysed))
+        due_s, took_s = np.diff(at), np.diff(moments)
+        # rows skipped for a late reading have its moment; if it is not analysed, they are lost
+        counts = analysed[1:] | (due_s > series.cut_s)
+        absent = _is_gap(series, due_s, took_s) & counts & ~lost[:-1] & ~lost[1:]
+        self._count(np.maximum(due_s, took_s)[absent] - period)
         edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
         begins, ends = at[edges[:, 0]], at[edges[:, 1] - 1]
         if len(edges) and edges[0, 0] == 0 and self._since_s is not None:
             begins[0] = self._since_s
         self._since_s, self._last_s = None, float(at[-1])
+        self._last_read_s = float(moments[-1])
         if len(edges) and lost[-1]:
             self._since_s, begins, ends = float(begins[-1]), begins[:-1], ends[:-1]
         self._count(ends - begins + period)

@@ -75,14 +75,19 @@ def totals_of(series: Series) -> Totals:
     return Totals(series.period_s, series.gap_s, series.rated_w)
 
 
-def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
-    """Return power, energy, duty and utilisation; `joints` None: the tool makes none."""
+def energy(
+    port: Totals, joints: Sequence[Joint] | None, number_why: str | None = None
+) -> list[Figure]:
+    """Return power, energy, duty and utilisation; `joints` None: the tool makes none.
+
+    `number_why` is why the number of joints is not known.
+    """
     return [
         _mean(port),
         *_energies(port),
         _duty(port),
         _utilisation(port),
-        *([] if joints is None else [_joint_share(port, joints)]),
+        *([] if joints is None else [_joint_share(port, joints, number_why)]),
     ]
 
 
@@ -153,7 +158,9 @@ def _utilisation(port: Totals) -> Figure:
     )
 
 
-def _joint_share(port: Totals, joints: Sequence[Joint]) -> Figure:
+def _joint_share(port: Totals, joints: Sequence[Joint], number_why: str | None) -> Figure:
+    if number_why is not None:
+        return no_figure("joint_share_percent", "%", number_why, len(joints))
     if not port.working:
         return no_figure("joint_share_percent", "%", "The tool was never seen working.")
     busy = sum(dwell or 0.0 for dwell in dwells_of(joints))

@@ -32,6 +32,16 @@ NONE_FOUND: Final = "No joints were found."
 NEVER_AT_REST: Final = "The tip was never seen at rest at a setpoint of these joints."
 
 
+def why_number_not_known(port: Totals, found: FoundJoints) -> str | None:
+    """Return why the number of joints of a port is not known; a gap is a reason, too."""
+    return found.why or _in_gaps(port)
+
+
+def _in_gaps(port: Totals) -> str | None:
+    gap = port.temperature.gap or port.power.gap
+    return None if gap is None else f"{gap} Joints in gaps are not known."
+
+
 def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
     """Return every figure of the joints of a port."""
     joints = found.joints
@@ -44,7 +54,7 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
         ),
         _resting_below(found),
         _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, floats_of(joints, "depth_c")),
-        _dwell(period, found),
+        _dwell(port, found),
         _median_figure("joint_heat_permille_s", "‰·s", heat, found, floats_of(joints, "heat")),
         _median_figure("joint_heat_j", "J", joules, found, floats_of(joints, "heat_j")),
         _median_figure("joint_energy_permille_s", "‰·s", heat, found, floats_of(joints, "energy")),
@@ -58,9 +68,8 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
 def _counts(port: Totals, found: FoundJoints) -> list[Figure]:
     coverage, joints = port.temperature.coverage, found.joints
     unknown = len(joints) - kinds_of(joints).count(JOINT)
-    gap = port.temperature.gap or port.power.gap
-    in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
-    why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps
+    why = why_number_not_known(port, found)
+    heat_why = found.heat_why or found.number_why or _in_gaps(port)
     feeder = found.feeder
     alone = column_of(joints, "heat").count(None)
     counts = (
@@ -121,13 +130,14 @@ def _median_figure(
     )
 
 
-def _dwell(period: float, found: FoundJoints) -> Figure:
-    """Return the figure; where the number of joints is not known, their ends are not either."""
-    if found.why is not None and found.joints:
-        return no_figure("joint_dwell_s", "s", found.why, len(found.joints))
+def _dwell(port: Totals, found: FoundJoints) -> Figure:
+    """Return the figure; where the number of joints is not known, their edges are not either."""
+    why = why_number_not_known(port, found)
+    if why is not None and found.joints:
+        return no_figure("joint_dwell_s", "s", why, len(found.joints))
     seconds = floats_of(found.joints, "dwell_s")
     dwells = np.where(np.isnan(floats_of(found.joints, "heat")), np.nan, seconds)
-    return _median_figure("joint_dwell_s", "s", period, found, dwells)
+    return _median_figure("joint_dwell_s", "s", port.period_s, found, dwells)
 
 
 def _resting_below(found: FoundJoints) -> Figure:

@@ -20,7 +20,7 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.energy import energy, totals_of
 from jbclog.analysis.metrics.heating import Heating
 from jbclog.analysis.metrics.idling import Idling
-from jbclog.analysis.metrics.joint_figures import joint_figures
+from jbclog.analysis.metrics.joint_figures import joint_figures, why_number_not_known
 
 NOT_OF: Final = {
     "omega": "An OMEGA tells neither temperature nor power, only its states.",
@@ -32,10 +32,13 @@ NOT_OF: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The metrics of a port, and the joints behind some of them."""
+    """The metrics of a port, the joints behind some of them, and why the number of these is not
+    known.
+    """
 
     figures: list[Figure]
     found: FoundJoints | None = None
+    number_why: str | None = None
 
     @property
     def joints(self) -> Sequence[Joint]:
@@ -65,15 +68,17 @@ class PortFigures:
 
     def measured(self, kind: str, found: FoundJoints | None, wire: Sequence[Figure]) -> Measured:
         """Return every metric, once all rows are added."""
-        totals, joints = self._totals, None if found is None or found.why else found.joints
+        totals = self._totals
+        joints = None if found is None else found.joints
+        number_why = None if found is None else why_number_not_known(totals, found)
         figures = [
             *self._heating.figures(),
             *self._idling.figures(totals.temperature.coverage),
-            *energy(totals, joints),
+            *energy(totals, joints, number_why),
         ]
         if found is not None:
             figures += [*joint_figures(totals, found), *wire]
-        return Measured(_in_order(figures, kind, found), found)
+        return Measured(_in_order(figures, kind), found, number_why)
 
 
 def measure_port(
@@ -117,7 +122,8 @@ class PortMeasuring:
         return self._figures.measured(self._kind, found, wire)
 
 
-def _in_order(figures: list[Figure], kind: str, found: FoundJoints | None) -> list[Figure]:
+def _in_order(figures: list[Figure], kind: str) -> list[Figure]:
     by_name = {figure.name: figure for figure in figures}
-    why = NOT_OF[kind] if found is None or found.why is None else found.why
-    return [by_name.get(one.name) or no_figure(one.name, one.unit, why) for one in DEFINITIONS]
+    return [
+        by_name.get(one.name) or no_figure(one.name, one.unit, NOT_OF[kind]) for one in DEFINITIONS
+    ]

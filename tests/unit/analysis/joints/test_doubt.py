@@ -112,6 +112,33 @@ def test_listed_joints_have_no_dwell_where_their_number_is_not_known(
         assert table["end_s"].null_count == 0
 
 
+def test_a_gap_takes_dwell_and_share_with_the_number(clear: Series) -> None:
+    """Also where the feeder decides: what lies in the gap is not known."""
+    facts = StationFacts("dde-1", "sim://", "dde", ports=[1])
+    in_gap = (clear.seconds > 63) & (clear.seconds < 64)
+    temperature = np.where(in_gap, np.nan, clear.rows.temperature)
+    gap = replace(clear, rows=replace(clear.rows, temperature=temperature))
+    at = clear.seconds
+    fed = (at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 115)
+    for series, options in (
+        (gap, JointOptions()),
+        (replace(gap, feeding=fed.astype(float)), JointOptions(wire_decides=True)),
+    ):
+        measured = measure_port(series, "tip", options=options)
+        assert measured.found is not None
+        assert (measured.found.why, len(measured.joints)) == (None, 20)
+        by_name = {one.name: one for one in measured.figures}
+        for name in ("joints", "joint_dwell_s", "joint_share_percent"):
+            assert (by_name[name].value, by_name[name].n) == (None, 20), name
+            assert "no reading for 1.0 s" in str(by_name[name].why), name
+        assert by_name["joint_depth_c"].value is not None
+        edges_us = np.zeros(2 * len(measured.joints), dtype=np.int64)
+        table = MeasuredPort(facts, 1, measured, edges_us).joint_table()
+        assert table["dwell_s"].null_count == len(table) == 20
+        assert table["why"].null_count == 0
+        assert any("no reading for 1.0 s" in text for text in table["why"].to_pylist())
+
+
 def test_what_noise_makes_of_a_low_limit_is_no_doubt() -> None:
     """Thirteen minutes with four joints and much noise: half the limit finds it four times, and as
     often upside down.

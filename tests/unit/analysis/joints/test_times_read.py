@@ -13,7 +13,7 @@ from jbclog.analysis.joint_bounds import JointTimes, PortBounds
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.packed import floats_of
 from jbclog.analysis.joints.port_rows import Clock
-from jbclog.analysis.joints.series import Series
+from jbclog.analysis.joints.series import Series, stretches
 from jbclog.analysis.joints.windows import whole
 from jbclog.analysis.metrics.measures import measure_port
 from jbclog.analysis.verdict.idle import Floats
@@ -141,3 +141,75 @@ def test_joints_that_begin_in_an_overheat_are_not_compared() -> None:
         bounds = PortBounds(found.model.loss, 0.0, times, None)
         bounds.look(whole(series))
         assert len(list(bounds.texts())) == texts
+
+
+LATE_CONTACTS = [(15.0 + 5 * number, 16.6 + 5 * number) for number in range(20)]
+LATE_TICK = 40 * 5 + 3  # due at 40.6 s, in a joint
+
+
+def with_late_reading(late_s: float, hz: float = 5.0) -> Series:
+    """Return a record in which the reading due at 40.6 s came late, and the rows that were due
+    until then are skipped: stamped with the time at which they were due.
+    """
+    fine = scripted_tip.soldered(LATE_CONTACTS, 120.0, hz=100.0)
+    step = round(100 / hz)
+    ticks = np.arange(len(fine.seconds) // step)
+    due_s = ticks / hz
+    late_tick = round(LATE_TICK / 5 * hz)
+    after_s = np.full(len(ticks), 0.02)
+    after_s[late_tick] = late_s
+    skipped = (ticks > late_tick) & (due_s < due_s[late_tick] + late_s)
+    rows = step * ticks + np.round(100 * after_s).astype(np.int64)
+    temperature, power = (
+        np.where(skipped, np.nan, column[rows])
+        for column in (fine.rows.temperature, fine.rows.power)
+    )
+    working = ~skipped
+    setting = np.where((ticks % 25 == 0) & working, 350.0, np.nan)
+    block = replace(
+        fine.rows,
+        seconds=due_s,
+        temperature=temperature,
+        power=power,
+        setting=setting,
+        working=working,
+    )
+    after_s[skipped] = 0.0
+    nan = np.where(skipped, np.nan, 0.0)
+    utc_us = np.round((due_s + after_s) * 1e6).astype(np.int64)
+    read = Clock(1 / hz, (), 0).read_s(due_s, utc_us, nan, nan + 1e6 * (after_s + 0.01))
+    return Series(block, working, 1 / hz, rated_w=130.0, read_s=read)
+
+
+@pytest.mark.parametrize(("hz", "late_s"), [(5.0, 0.6), (10.0, 0.62)])
+def test_a_late_reading_cuts_no_joint_at_the_rows_that_were_skipped_for_it(
+    hz: float, late_s: float
+) -> None:
+    series = with_late_reading(late_s, hz)
+    assert np.diff(series.rows.seconds[series.known]).max() > 0.5
+    found = find_joints(series)
+    assert len(found.joints) == len(LATE_CONTACTS)
+    assert not any(joint.draw.cut for joint in found.joints)
+    (late,) = (joint for joint in found.joints if 39 < joint.start_s < 43)
+    truth_s = next(end for start, end in LATE_CONTACTS if start == 40.0)
+    assert late.draw.end_s == pytest.approx(truth_s, abs=0.3)
+
+
+def test_the_time_before_a_very_late_reading_is_a_gap_that_was_not_seen() -> None:
+    at_work = with_late_reading(9.0)
+    rests = (at_work.seconds > 36) & (at_work.seconds < 60)
+    at_rest = replace(at_work, rows=replace(at_work.rows, working=at_work.rows.working & ~rests))
+    for series in (at_work, at_rest):
+        found = find_joints(series)
+        starts = floats_of(found.joints, "start_s")
+        assert not ((starts > 41) & (starts < 49)).any()
+        assert found.unseen_s == pytest.approx(9.0, abs=0.5)
+        assert found.unseen == 1
+
+
+def test_rows_absent_between_readings_in_time_cut_a_stretch() -> None:
+    series = with_late_reading(0.0)
+    absent = (series.seconds > 40.7) & (series.seconds < 41.3)
+    temperature = np.where(absent, np.nan, series.rows.temperature)
+    gap = replace(series, rows=replace(series.rows, temperature=temperature))
+    assert [len(stretches(one)) for one in (series, gap)] == [1, 2]

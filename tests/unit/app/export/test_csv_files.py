@@ -61,13 +61,13 @@ def test_what_was_not_read_is_empty_and_its_reason_stands_beside_it(folder: Path
 
 def test_duckdb_reads_times_as_the_moments_that_they_are(folder: Path, run: jbclog.Run) -> None:
     query = (
-        f"SELECT epoch_us(start), dwell_s, unit FROM read_csv('{folder}/joints.csv', nullstr='')"
-        " ORDER BY station, port, joint"
+        "SELECT epoch_us(start), peak_permille, unit"
+        f" FROM read_csv('{folder}/joints.csv', nullstr='') ORDER BY station, port, joint"
     )
     found = duckdb.connect().execute(query).fetchall()
     joints = run.joints()
     assert [row[0] for row in found] == joints["start"].astype("int64").tolist()
-    assert [row[1] for row in found] == joints["dwell_s"].tolist()
+    assert [row[1] for row in found] == joints["peak_permille"].tolist()
     assert {row[2] is None for row in found} == {True, False}
 
 

@@ -145,9 +145,9 @@ def bits(read: mdfreader.Mdf, name: str) -> np.ndarray[tuple[int], np.dtype[np.b
 def test_joints_have_their_times_in_seconds_of_the_run(file: asammdf.MDF, run: jbclog.Run) -> None:
     joints, number = run.joints("dde-1"), groups(file)["dde-1 port 1 joints"]
     expected = joints[joints["port"] == 1]
-    found = file.get("dwell_s", group=number, ignore_invalidation_bits=True)
+    found = file.get("peak_permille", group=number, ignore_invalidation_bits=True)
     assert found.timestamps.tolist() == expected["start_s"].tolist()
-    assert found.samples.tolist() == expected["dwell_s"].tolist()
+    assert found.samples.tolist() == expected["peak_permille"].tolist()
 
 
 def test_rows_written_in_many_stretches_are_the_same(
