@@ -244,9 +244,14 @@ def listed(name: str | None) -> list[str]:
 
 def _serial(name: str, line: TypedLine) -> str:
     """Return the serial. Raises `UsageError` if it is too long or has hidden characters."""
-    if not line.is_clear or not line.is_whole:
+    if not line.is_whole:
         raise UsageError(
-            f"--units {name}: {line.text:.60}: not a serial (too long, or hidden characters)"
+            f"--units {name}: {line.text:.60}…: more than {len(line.text)} characters; put one"
+            " serial on each line"
+        )
+    if not line.is_clear:
+        raise UsageError(
+            f"--units {name}: {line.text:.60}: a hidden character, shown as an escape; remove it"
         )
     check_text(f"--units {name}", line.text)
     return line.text
