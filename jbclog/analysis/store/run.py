@@ -22,6 +22,7 @@ from jbclog.analysis.store.plain_files import is_name
 from jbclog.analysis.store.reader import Published, Store
 from jbclog.analysis.store.schema import OWN
 from jbclog.analysis.verdict import RULES
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError
 from jbclog.record.manifest import NAME as MANIFEST
 
@@ -76,8 +77,9 @@ class StoredRun(Run):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
         except OSError as error:
+            why = write_failure(error, path)
             raise RecordError(
-                f"{self.place}: its file {name!r:.100} cannot be written: {error.strerror or error}"
+                f"{self.place}: its file {name!r:.100} cannot be written: {why}"
             ) from error
 
 
