@@ -216,7 +216,7 @@ ORDER = typer.Option(None, metavar="NUMBER", help="Work order.")
 PRODUCT = typer.Option(None, metavar="NAME", help="Product.")
 RECIPE_NAME = typer.Option(None, metavar="NAME[@REVISION]", help="Recipe name.")
 LINE_NAME = typer.Option(None, metavar="NAME", help="Line name.")
-UNTIL = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included.")
+UNTIL = typer.Option(None, metavar="TIME", help="Latest start; a day is included.")
 
 LONGEST_TEXT = 200
 SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated
