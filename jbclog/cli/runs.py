@@ -43,13 +43,11 @@ HEADS: Final = (
 # the values of `Verdict` (analysis/verdict/verdict.py), which is slow to import
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
-# states in the manifest, which release 1 showed
-OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 
 @reports_errors
 def runs(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS_OR_TABLE,
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
     order: str | None = options.ORDER,
     product: str | None = options.PRODUCT,
@@ -93,13 +91,13 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
-    from jbclog.analysis.store.place import is_store, place_of
-    from jbclog.record.find_runs import Filter, find
+    from jbclog.record.find_runs import Filter
+    from jbclog.record.published import find_in, shown_path
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
-    _expect_word("--state", state, STATES, OLD_STATES)
+    _expect_word("--state", state, STATES)
     is_local = are_local(as_json=as_json)
     begin = typed_moment("--since", since, is_local=is_local)
     end = typed_moment("--until", until, is_local=is_local, is_end=True)
@@ -120,17 +118,9 @@ def runs(
         since=begin,
         until=end,
     )
-    if is_store(folder):
-        from jbclog.analysis.store.reader import Store
-
-        place = place_of(folder)
-        those: Iterable[Found | Unreadable] = [one.found for one in Store(place).runs(wanted)]
-        folder_text = str(place.path)
-    else:
-        those = find(folder, wanted)
-        folder_text = str(folder)
+    those = find_in(folder, wanted)
     empty = "no runs" if wanted == Filter() else f"no run matches{range_text(begin, end)}"
-    _print(those, f"{folder_text}: {empty}", unit=unit, as_json=as_json)
+    _print(those, f"{shown_path(folder)}: {empty}", unit=unit, as_json=as_json)
 
 
 def _expect_word(

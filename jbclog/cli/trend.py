@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @reports_errors
 def trend(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS_OR_TABLE,
     metric: str = typer.Option(
         "idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."
     ),
@@ -43,7 +43,7 @@ def trend(
         None, "--html", metavar="FILE", help="HTML page with chart and table."
     ),
     scheduler: str | None = typer.Option(
-        None, metavar="ADDRESS", help="Dask scheduler, whose workers read a store: tcp://HOST:8786."
+        None, metavar="ADDRESS", help="Dask scheduler whose workers read the runs: tcp://HOST:8786."
     ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = options.AS_JSON,
@@ -53,7 +53,8 @@ def trend(
     Takes one value per run and port. Control limits require 20 runs, capability 30 and a
     specification limit. Refuses a figure, and gives the reason, if the values are too few,
     autocorrelated, not resolved or not stable. The figures describe the record; none proves that a
-    joint is good. TIME without a zone is local on a terminal, else UTC, and with --json.
+    joint is good. TIME without a zone is local on a terminal; in a pipe, a file and with --json it
+    is UTC.
 
     \b
     Example:
@@ -72,8 +73,7 @@ def trend(
     begin = typed_moment("--since", since, is_local=is_local)
     end = typed_moment("--until", until, is_local=is_local, is_end=True)
     source = Records(stored=False) if no_cache else Records(cache=True)
-    runs = _runs(folder, line, recipe, product, order, begin, end).through(source)
-    runs = runs if scheduler is None else runs.on(scheduler)
+    runs = _runs(folder, line, recipe, product, order, begin, end, scheduler).through(source)
     found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, range_text(begin, end), as_json=as_json)
@@ -89,14 +89,22 @@ def _runs(
     order: str | None,
     since: datetime | None,
     until: datetime | None,
+    scheduler: str | None,
 ) -> Runs:
     with without_collector():
-        from jbclog.analysis.opening import open_runs
+        from jbclog.analysis.runs import open_runs
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     return open_runs(
-        folder, line=line, recipe=recipe, product=product, order=order, since=since, until=until
+        folder,
+        line=line,
+        recipe=recipe,
+        product=product,
+        order=order,
+        since=since,
+        until=until,
+        scheduler=scheduler,
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, is_runs
+from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.cli.times import are_local, head_of_times, range_text, shown_moment, typed_moment
 from jbclog.core.errors import UsageError
@@ -23,7 +23,7 @@ HEADS = ("tips", "order", "units", "verdict", "run")
 
 @reports_errors
 def where_used(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS,
     station: str = typer.Option(
         ..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False
     ),
@@ -51,44 +51,22 @@ def where_used(
     """List the runs that used a tip since its last pass.
 
     Starts from the last failed verification: lists every run between the pass before it and the
-    pass after it, with its units where they are known. A store has no verifications: give their
-    folder, or a time. Exit code 1: a manifest or the file of verifications cannot be read, so the
-    list may be incomplete. On a terminal, times are local, and TIME without a zone is; in a pipe, a
-    file and with --json they are UTC.
+    pass after it, with its units where they are known. Exit code 1: a manifest or the file of
+    verifications cannot be read, so the list may be incomplete. On a terminal, times are local, and
+    TIME without a zone is; in a pipe, a file and with --json they are UTC.
 
     \b
     Example:
       jbclog where-used --station dde-1 --port 1
     """
-    from jbclog.analysis.store.place import is_store, place_of
     from jbclog.maintenance.suspect_runs import where_used as suspects
     from jbclog.record.find_runs import find
 
-    if not is_runs(folder):
+    if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
     is_local = are_local(as_json=as_json)
     begin = typed_moment("--since", since, is_local=is_local)
-    if is_store(folder):
-        if since is None and verifications is None:
-            raise UsageError(
-                "a store has no verifications: give --verifications DIR, or --since TIME"
-            )
-        from jbclog.analysis.store.runs import StoredFolders
-
-        place = place_of(folder)
-        runs = StoredFolders(place)
-        found = suspects(
-            place.path,
-            station,
-            port,
-            tip,
-            begin,
-            runs.find,
-            verifications,
-            runs.folder_of,
-        )
-    else:
-        found = suspects(folder, station, port, tip, begin, find, verifications)
+    found = suspects(folder, station, port, tip, begin, find, verifications)
     if as_json:
         echo_json(facts(found))
     else:
