@@ -1,6 +1,5 @@
-"""Say why a write failed where a disk has no room for more files: it has inodes for so many files
-and no more, and the system says "no space" although `df` shows free space; SQLite says "unable to
-open database file".
+"""Say why a write failed on a disk that has no inodes left, each of which holds a file: the system
+says "no space" although `df` shows free space, and SQLite "unable to open database file".
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ def write_failure_below(error: BaseException, folder: Path) -> str:
 
 
 def lacks_inodes(folder: Path) -> bool:
-    """Return True if the disk of `folder` has free space, and no room for a run's files."""
+    """Return True if the disk of `folder` has free space, and too few inodes for a run's files."""
     try:
         disk = os.statvfs(folder)
     except OSError:

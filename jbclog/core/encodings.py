@@ -6,6 +6,7 @@ import codecs
 from typing import Final, NamedTuple
 
 SAVE: Final = "save it as UTF-8"
+SAVE_FILE: Final = "save the file as UTF-8"
 
 # the marks of UTF-32 first: that of UTF-16 is the beginning of one of them
 _MARKS: Final = (
@@ -39,7 +40,7 @@ def not_utf8(data: bytes) -> NotUtf8 | None:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = _line_of(data, error.start)
-        return NotUtf8(f"{_byte_text(data, error.start)}; {SAVE}", line)
+        return NotUtf8(f"{_byte_text(data, error.start)}; {SAVE_FILE}", line)
     return None
 
 
@@ -74,8 +75,5 @@ def _byte_text(data: bytes, place: int) -> str:
     try:
         character = byte.decode(_WESTERN)
     except UnicodeDecodeError:
-        return f"byte 0x{byte.hex().upper()} at column {column} is no text in UTF-8"
-    return (
-        f"byte 0x{byte.hex().upper()} at column {column} is no UTF-8; in Latin-1 it is"
-        f' "{character}"'
-    )
+        return f"byte 0x{byte.hex().upper()} at column {column} is not UTF-8"
+    return f'byte 0x{byte.hex().upper()} at column {column} is not UTF-8 ("{character}" in Latin-1)'

@@ -116,7 +116,7 @@ def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> Non
         (
             "SN-1\nLöt-2\n".encode("latin-1"),
             ", line 2",
-            'byte 0xF6 at column 2 is no UTF-8; in Latin-1 it is "ö"; save it as UTF-8',
+            'byte 0xF6 at column 2 is not UTF-8 ("ö" in Latin-1); save the file as UTF-8',
         ),
         (
             b"SN-1\nSN\x1d2\n",

@@ -28,20 +28,20 @@ UTF_32 = ("is UTF-32; save it as UTF-8", None)
         (SERIALS.encode("utf-32-be"), UTF_32),
         (
             "SN-1\r\nSN-2 Löt\r\n".encode("latin-1"),
-            ('byte 0xF6 at column 7 is no UTF-8; in Latin-1 it is "ö"; save it as UTF-8', 2),
+            ('byte 0xF6 at column 7 is not UTF-8 ("ö" in Latin-1); save the file as UTF-8', 2),
         ),
         (
             "a\rb\rµ 5 °C".encode() + b"\xb0",  # line ends of an old Macintosh
-            ('byte 0xB0 at column 7 is no UTF-8; in Latin-1 it is "°"; save it as UTF-8', 3),
+            ('byte 0xB0 at column 7 is not UTF-8 ("°" in Latin-1); save the file as UTF-8', 3),
         ),
         (
             "“SN-1”".encode("cp1252"),
-            ('byte 0x93 at column 1 is no UTF-8; in Latin-1 it is "“"; save it as UTF-8', 1),
+            ('byte 0x93 at column 1 is not UTF-8 ("“" in Latin-1); save the file as UTF-8', 1),
         ),
-        (b"SN-1\n\x81", ("byte 0x81 at column 1 is no text in UTF-8; save it as UTF-8", 2)),
+        (b"SN-1\n\x81", ("byte 0x81 at column 1 is not UTF-8; save the file as UTF-8", 2)),
         (
             "SN-°".encode()[:-1],  # cut off within a character
-            ('byte 0xC2 at column 4 is no UTF-8; in Latin-1 it is "Â"; save it as UTF-8', 1),
+            ('byte 0xC2 at column 4 is not UTF-8 ("Â" in Latin-1); save the file as UTF-8', 1),
         ),
     ],
 )
