@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.core.disk_space import write_failure_below
+from jbclog.core.disk_space import write_failure, write_failure_below
 from jbclog.core.errors import Problems, RecordError, Unsafe
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
@@ -163,7 +163,7 @@ def _tried(folder: Path, patience_s: float) -> Recovery:
     except RecordError as error:
         return Recovery(folder, Outcome.REFUSED, str(error))
     except OSError as error:
-        text = f"{folder} cannot be recovered: {write_failure_below(error, folder)}"
+        text = f"{folder} cannot be recovered: {write_failure(error, folder)}"
         return Recovery(folder, Outcome.REFUSED, text)
 
 
