@@ -5,15 +5,12 @@ from __future__ import annotations
 import codecs
 from typing import Final, NamedTuple
 
-SAVE: Final = "save it as UTF-8"
-SAVE_FILE: Final = "save the file as UTF-8"
-
 # the marks of UTF-32 first: that of UTF-16 is the beginning of one of them
 _MARKS: Final = (
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
+    (codecs.BOM_UTF32_LE, "UTF-32"),
+    (codecs.BOM_UTF32_BE, "UTF-32"),
+    (codecs.BOM_UTF16_LE, "UTF-16"),
+    (codecs.BOM_UTF16_BE, "UTF-16"),
 )
 _LOOKED_AT: Final = 4096  # bytes
 _MOST: Final = 0.6  # share of zero bytes; other text has none
@@ -35,12 +32,12 @@ def not_utf8(data: bytes) -> NotUtf8 | None:
     wide = _wide_encoding(data)
     if wide is not None:
         hint = ' ("Unicode" in Windows and Excel)' if wide == "UTF-16" else ""
-        return NotUtf8(f"is {wide}{hint}; {SAVE}", None)
+        return NotUtf8(f"is {wide}{hint}; save it as UTF-8", None)
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
-        line = _line_of(data, error.start)
-        return NotUtf8(f"{_byte_text(data, error.start)}; {SAVE_FILE}", line)
+        text = f"{_byte_text(data, error.start)}; save the file as UTF-8"
+        return NotUtf8(text, _line_of(data, error.start))
     return None
 
 
@@ -48,7 +45,7 @@ def _wide_encoding(data: bytes) -> str | None:
     """Return the name of an encoding with two or four bytes for each character."""
     for mark, name in _MARKS:
         if data.startswith(mark):
-            return name.upper()
+            return name
     start = data[:_LOOKED_AT]
     if _nul_share(start[1::4]) > _MOST and _nul_share(start[2::4]) > _MOST:
         return "UTF-32"
