@@ -19,6 +19,7 @@ from jbclog import __version__
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import Line, load_line
 from jbclog.core.clock import utc_text
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import write_new
 from jbclog.core.errors import PortBusy, RecordError, StartRefused, UsageError
 from jbclog.core.io_requests import Steps
@@ -102,9 +103,10 @@ def keep_snapshot(
             [path] if path is not None else [Path(f"{name}{number}.json") for number in NUMBERS],
         )
     except OSError as error:
-        where = path or f"{name}.json"
+        where = path or Path(f"{name}.json")
         raise RecordError(
-            f"{where}: the snapshot cannot be saved: {error.strerror or error}; nothing was written"
+            f"{where}: the snapshot cannot be saved: {write_failure(error, where)}; nothing was"
+            " written"
         ) from error
 
 

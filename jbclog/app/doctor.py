@@ -20,6 +20,7 @@ from pathlib import Path
 from jbclog.app.discovery import search
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
+from jbclog.core.disk_space import FEW_FILES, lacks_inodes, mount_point, write_failure
 from jbclog.core.durable_files import write_whole
 from jbclog.core.memory import limit_bytes
 from jbclog.guard.open_leases import LIST_STEP, about_list
@@ -121,10 +122,14 @@ def look_at_folder(out: Path) -> list[Looked]:
             ScanFinding(
                 "disk.no_write",
                 str(out),
-                f"no file can be written in {folder}: {error.strerror or error}",
+                f"no file can be written in {folder}: {write_failure(error, folder)}",
                 _step(error, folder),
             )
         ]
+    if lacks_inodes(folder):
+        what = f"the disk has fewer than {FEW_FILES} inodes left; a run needs more"
+        step = f"remove old files from the disk at {mount_point(folder)} (`df -i`)"
+        return [ScanFinding("disk.inodes", str(out), what, step)]
     return [_space(out, free)]
 
 

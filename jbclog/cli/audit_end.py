@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.app.audit.run_audit import STOPPED
 from jbclog.cli.output import echo, echo_json, note, table_lines
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.text import clean
@@ -200,7 +201,7 @@ class End:
             write_whole(path, make(self.audit).encode())
             self.files.append(str(path))
         except OSError as error:
-            self.trouble.append(f"{path}: cannot write: {error.strerror or error}")
+            self.trouble.append(f"{path}: cannot write: {write_failure(error, path)}")
 
     def show(self, *, as_json: bool) -> None:
         """Print the result on stdout, errors and files on stderr."""

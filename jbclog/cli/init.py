@@ -12,6 +12,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import note, reports_errors
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def _write(path: Path, text: str) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except OSError as error:
-        raise UsageError(f"{path}: cannot write: {error.strerror}") from error
+        raise UsageError(f"{path}: cannot write: {write_failure(error, path)}") from error
 
 
 # -- stations --------------------------------------------------------------------------------------

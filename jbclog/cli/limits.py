@@ -10,6 +10,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
 from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError, UsageError
 
 LEARN, SHOW = "learn", "show"
@@ -96,7 +97,7 @@ def _learn(
         try:
             write_new(out, data)
         except OSError as error:
-            raise RecordError(f"{out}: cannot write: {error.strerror or error}") from error
+            raise RecordError(f"{out}: cannot write: {write_failure(error, out)}") from error
         _show(out, as_json=as_json, refused=refused)
     elif as_json:
         echo_json({"file": None, "limits": [], "refused": refused})

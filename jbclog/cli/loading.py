@@ -5,6 +5,7 @@ a twelfth of the time.
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import sys
 from collections.abc import Iterator
@@ -42,7 +43,11 @@ def drawing() -> Iterator[None]:
     Matplotlib writes the list of its properties into the documentation of each kind of artist, a
     quarter of its import time, which no command needs. Nor does a command draw in three dimensions,
     for which it imports five modules unless they are blocked.
+
+    Where its cache cannot be written, as in a home that is read-only, matplotlib takes a temporary
+    folder by itself. Its advice about that is for programmers, not for operators.
     """
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     flat = ModuleType("mpl_toolkits.mplot3d")
     flat.Axes3D = None  # type: ignore[attr-defined]
     sys.modules.setdefault(flat.__name__, flat)

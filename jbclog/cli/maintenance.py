@@ -13,6 +13,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, echo_table, reports_errors
+from jbclog.cli.times import are_local, head_of_times, shown_moment, typed_moment
 from jbclog.config.task_names import STATED
 from jbclog.core.clock import utc_ms
 from jbclog.core.errors import RecordError, UsageError
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from jbclog.maintenance.ledger import Book
 
 DONE, LIST = "done", "list"
-COLUMNS = ("time", "station", "task", "by", "part", "note")
+COLUMNS = ("station", "task", "by", "part", "note")
 STATION = typer.Option(
     None,
     "--station",
@@ -56,7 +57,7 @@ def maintenance(
         None, "--by", metavar="WHO", help="Person; default: the user logged in.", show_default=False
     ),
     at: str | None = typer.Option(
-        None, "--at", metavar="TIME", help="Day or time, UTC; default: now.", show_default=False
+        None, "--at", metavar="TIME", help="Day or time; default: now.", show_default=False
     ),
     remark: str = options.REMARK,
     ledger: Path = typer.Option(
@@ -75,7 +76,8 @@ def maintenance(
     `done` appends the task, who did it and when to the ledger; `jbclog audit` counts the service
     interval from there. The tasks counters-reset, counters-rolled-over and station-replaced answer
     why a counter fell; give --at, a time between the two audits. The ledger is append-only: correct
-    a mistake by another line.
+    a mistake by another line. On a terminal, times are local, and TIME without a zone is; in a
+    pipe, a file and with --json they are UTC.
 
     \b
     Example:
@@ -104,7 +106,7 @@ def maintenance(
     place = place_of(station, book, _places(line))
     expect_port(port, place, book)
     now = datetime.now(UTC)
-    when = utc_ms(now if at is None else _moment(at, now))
+    when = utc_ms(now if at is None else _moment(at, now, is_local=are_local(as_json=as_json)))
     known = task_of(task, book, _names(tasks))
     if known in STATED:
         _expect_answer(known, unanswered_falls(book, place), when, station)
@@ -149,11 +151,9 @@ def _names(tasks: Path | None) -> Sequence[str] | None:
     return [one.name for one in load_tasks(tasks)]
 
 
-def _moment(text: str, now: datetime) -> datetime:
+def _moment(text: str, now: datetime, *, is_local: bool) -> datetime:
     """Return the time of the maintenance. Raises `UsageError` if it is in the future."""
-    from jbclog.cli.runs import moment
-
-    found = moment("--at", text)
+    found = typed_moment("--at", text, is_local=is_local)
     if found is None or found > now:
         raise UsageError(f"--at {text}: is in the future")
     return found
@@ -176,7 +176,10 @@ def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
     if as_json:
         echo_json({**asdict(kept), "ledger": str(ledger)})
     else:
-        echo(f"{'  '.join(filter(None, _cells(fact)))}  (line {kept.seq} of {ledger})")
+        is_local = are_local(as_json=as_json)
+        at, *others = _cells(fact, is_local=is_local)
+        at = at if is_local else f"{at} UTC"
+        echo(f"{'  '.join([at, *filter(None, others)])}  (line {kept.seq} of {ledger})")
     _expect_sound(_read(ledger))
 
 
@@ -197,13 +200,22 @@ def _list(book: Book, station: str | None, *, as_json: bool) -> None:
             }
         )
     else:
-        echo_table(COLUMNS, map(_cells, facts))
+        is_local = are_local(as_json=as_json)
+        heads = (head_of_times("time", is_local=is_local), *COLUMNS)
+        echo_table(heads, [_cells(fact, is_local=is_local) for fact in facts])
     _expect_sound(book)
 
 
-def _cells(fact: Fact) -> tuple[str, ...]:
+def _cells(fact: Fact, *, is_local: bool) -> tuple[str, ...]:
     where = fact.station if fact.port is None else f"{fact.station} port {fact.port}"
-    return fact.time[:16].replace("T", " "), where, fact.task, fact.by, fact.part, fact.text
+    return (
+        shown_moment(fact.time, is_local=is_local),
+        where,
+        fact.task,
+        fact.by,
+        fact.part,
+        fact.text,
+    )
 
 
 def _expect_sound(book: Book) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
@@ -226,7 +227,7 @@ ORDER = typer.Option(None, metavar="NUMBER", help="Work order.")
 PRODUCT = typer.Option(None, metavar="NAME", help="Product.")
 RECIPE_NAME = typer.Option(None, metavar="NAME[@REVISION]", help="Recipe name.")
 LINE_NAME = typer.Option(None, metavar="NAME", help="Line name.")
-UNTIL = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included.")
+UNTIL = typer.Option(None, metavar="TIME", help="Latest start; a day is included.")
 
 LONGEST_TEXT = 200
 SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated
@@ -336,9 +337,21 @@ def check_text(option: str, text: str) -> None:
     for sign in text:
         category = unicodedata.category(sign)
         if category == "Cs":  # a surrogate: bytes that could not be decoded
-            raise UsageError(f"{option}: bytes that are not text in this system's encoding")
+            raise UsageError(f"{option}: {_undecoded()}")
         if category in HIDDEN:
             raise UsageError(f"{option}: hidden or control character U+{ord(sign):04X}")
+
+
+def _undecoded() -> str:
+    """Return why the text of an option could not be decoded, and what to set."""
+    encoding = sys.getfilesystemencoding()
+    if encoding == "utf-8":
+        return "bytes that are not UTF-8; set the terminal to UTF-8"
+    variable = next((name for name in ("LC_ALL", "LC_CTYPE") if os.environ.get(name)), "LANG")
+    return (
+        f"characters beyond {encoding.upper()}, the encoding of this session; set"
+        f" {variable}=C.UTF-8 and try again"
+    )
 
 
 def wanted(

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, ParamSpec
 import typer
 
 from jbclog.cli.streams import keep_failed_write, point_to_null, writes_unicode
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import (
     JbclogError,
     Problems,
@@ -72,7 +73,7 @@ def save_figure(figure: Figure, plot: Path) -> None:
     try:
         figure.savefig(plot, dpi=150)
     except OSError as error:
-        raise RecordError(f"{plot}: cannot write: {error.strerror or error}") from error
+        raise RecordError(f"{plot}: cannot write: {write_failure(error, plot)}") from error
     note(f"written: {plot}")
 
 

@@ -146,7 +146,8 @@ def record(
             )
     finally:
         shown.close()
-    page = _report(result) if report else None
+    # what is not sealed is finished by `recover` first
+    page = _report(result) if report and result.manifest.is_sealed else None
     if as_json:
         echo_json(_facts(result) | ({"report": str(page)} if page else {}))
     else:
@@ -176,8 +177,18 @@ def _print(result: Result, page: Path | None) -> None:
         f" {result.exit_code.value}{_first_reason(result)}"
     )
     note(tools_text(result.manifest.stations))
-    note(f"report: {page}" if page else f"Next: jbclog report {result.folder}")
+    note(f"report: {page}" if page else f"Next: {_next_step(result)}")
     echo(str(result.folder))
+
+
+def _next_step(result: Result) -> str:
+    from jbclog.record.manifest import NAME
+
+    if result.manifest.is_sealed:
+        return f"jbclog report {result.folder}"
+    if (result.folder / NAME).exists():
+        return f"jbclog recover {result.folder}"
+    return "jbclog recover FOLDER, if you moved the run there; if you deleted it, run again"
 
 
 def _finding_lines(result: Result) -> list[str]:
@@ -244,9 +255,14 @@ def listed(name: str | None) -> list[str]:
 
 def _serial(name: str, line: TypedLine) -> str:
     """Return the serial. Raises `UsageError` if it is too long or has hidden characters."""
-    if not line.is_clear or not line.is_whole:
+    if not line.is_whole:
         raise UsageError(
-            f"--units {name}: {line.text:.60}: not a serial (too long, or hidden characters)"
+            f"--units {name}: {line.text:.60}…: more than {len(line.text)} characters; put one"
+            " serial on each line"
+        )
+    if not line.is_clear:
+        raise UsageError(
+            f"--units {name}: {line.text:.60}: a hidden character, shown as an escape; remove it"
         )
     check_text(f"--units {name}", line.text)
     return line.text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,6 +12,14 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_runs
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
+from jbclog.cli.times import (
+    NOTHING,
+    are_local,
+    head_of_times,
+    range_text,
+    shown_moment,
+    typed_moment,
+)
 from jbclog.core.errors import UsageError
 from jbclog.core.text import shortened
 
@@ -23,7 +30,6 @@ if TYPE_CHECKING:
 MOST_TEXT: Final = 300
 WIDEST: Final = 30  # widest column on a terminal, in characters
 HEADS: Final = (
-    "started",
     "line",
     "recipe",
     "operator",
@@ -34,7 +40,6 @@ HEADS: Final = (
     "state",
     "run",
 )
-NOTHING: Final = "-"
 # the values of `Verdict` (analysis/verdict/verdict.py), which is slow to import
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
@@ -65,7 +70,7 @@ def runs(
         help="running, crashed, ended, cut short, ended with error, recovered.",
     ),
     since: str | None = typer.Option(
-        None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."
+        None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00."
     ),
     until: str | None = options.UNTIL,
     as_json: bool = options.JSON_PER_RUN,
@@ -79,6 +84,9 @@ def runs(
     A text must match completely; `*` matches any characters. Finds serials read during a run once
     it is sealed.
 
+    On a terminal, times are local and have their zone, and TIME without a zone is local. In a pipe,
+    a file and with --json they are UTC.
+
     \b
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
@@ -90,6 +98,9 @@ def runs(
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
     _expect_word("--state", state, STATES)
+    is_local = are_local(as_json=as_json)
+    begin = typed_moment("--since", since, is_local=is_local)
+    end = typed_moment("--until", until, is_local=is_local, is_end=True)
     wanted = Filter(
         operator=operator,
         order=order,
@@ -104,11 +115,12 @@ def runs(
         station=station,
         verdict=verdict,
         state=state,
-        since=moment("--since", since),
-        until=moment("--until", until, is_end=True),
+        since=begin,
+        until=end,
     )
     those = find_in(folder, wanted)
-    _print(those, shown_path(folder), unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+    empty = "no runs" if wanted == Filter() else f"no run matches{range_text(begin, end)}"
+    _print(those, f"{shown_path(folder)}: {empty}", unit=unit, as_json=as_json)
 
 
 def _expect_word(
@@ -119,34 +131,14 @@ def _expect_word(
         raise UsageError(f"{option} {text}: must be one of {', '.join(words)}")
 
 
-def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime | None:
-    """Return a day or time, UTC if without a zone; with `is_end` a day's end. Raises
-    `UsageError`.
-    """
-    if text is None:
-        return None
-    try:
-        found = datetime.fromisoformat(text.strip())
-        found = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
-        return (
-            found + timedelta(days=1)
-            if is_end and len(text.strip()) <= len("2026-11-21")
-            else found
-        )
-    except (ValueError, OverflowError):
-        raise UsageError(
-            f"{option} {text}: give a day such as 2026-11-21, or a time such as 2026-11-21T08:00"
-        ) from None
-
-
 def _print(
     those: Iterable[Found | Unreadable],
-    folder: Path,
+    empty: str,
     *,
     unit: str | None,
-    is_sought: bool,
     as_json: bool,
 ) -> None:
+    """Print the runs, or the text `empty` for none."""
     from jbclog.record.find_runs import Found
 
     found: list[Found] = []
@@ -160,9 +152,11 @@ def _print(
         if as_json:
             echo_json(facts(one))
     if not as_json and found:
-        echo_table(HEADS, [cells(one, unit) for one in found], cut=WIDEST)
+        is_local = are_local(as_json=as_json)
+        heads = (head_of_times("started", is_local=is_local), *HEADS)
+        echo_table(heads, [cells(one, unit, is_local=is_local) for one in found], cut=WIDEST)
     if not found:
-        note(f"{folder}: no run matches" if is_sought else f"{folder}: no runs")
+        note(empty)
 
 
 def facts(run: Found) -> dict[str, object]:
@@ -175,9 +169,8 @@ def facts(run: Found) -> dict[str, object]:
     return {"run": str(run.folder), **known, "shown_state": run.shown_state}
 
 
-def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
+def cells(run: Found, unit: str | None = None, *, is_local: bool = False) -> tuple[str, ...]:
     """Return a run as a row of the table, with the unit searched for."""
-    started = (run.started or NOTHING)[:16].replace("T", " ")
     texts = (
         run.line,
         ", ".join(run.recipes),
@@ -188,7 +181,7 @@ def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
         run.verdict,
     )
     return (
-        started,
+        shown_moment(run.started, is_local=is_local),
         *(shortened(text or NOTHING, MOST_TEXT) for text in texts),
         run.shown_state,
         str(run.folder),

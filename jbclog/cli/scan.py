@@ -13,6 +13,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
@@ -347,7 +348,7 @@ def _write(write: Path | None, reports: list[PortReport]) -> Path | None:
     try:
         write.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"--write {write}: cannot write: {error.strerror}") from error
+        raise UsageError(f"--write {write}: cannot write: {write_failure(error, write)}") from error
     return write
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ from jbclog.cli import options
 from jbclog.cli.loading import drawing, without_collector
 from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_file_place, is_runs
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
+from jbclog.cli.times import are_local, range_text, typed_moment
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import exact_figures
 
@@ -33,7 +36,7 @@ def trend(
     recipe: str | None = options.RECIPE_NAME,
     product: str | None = options.PRODUCT,
     order: str | None = options.ORDER,
-    since: str | None = typer.Option(None, metavar="TIME", help="Earliest start: 2026-11-21, UTC."),
+    since: str | None = typer.Option(None, metavar="TIME", help="Earliest start: 2026-11-21."),
     until: str | None = options.UNTIL,
     plot: Path | None = options.PLOT,
     html: Path | None = typer.Option(
@@ -50,7 +53,8 @@ def trend(
     Takes one value per run and port. Control limits require 20 runs, capability 30 and a
     specification limit. Refuses a figure, and gives the reason, if the values are too few,
     autocorrelated, not resolved or not stable. The figures describe the record; none proves that a
-    joint is good.
+    joint is good. TIME without a zone is local on a terminal; in a pipe, a file and with --json it
+    is UTC.
 
     \b
     Example:
@@ -65,11 +69,14 @@ def trend(
         from jbclog.analysis.runs import Records
         from jbclog.analysis.trend import trends
 
+    is_local = are_local(as_json=as_json)
+    begin = typed_moment("--since", since, is_local=is_local)
+    end = typed_moment("--until", until, is_local=is_local, is_end=True)
     source = Records(stored=False) if no_cache else Records(cache=True)
-    runs = _runs(folder, line, recipe, product, order, since, until, scheduler).through(source)
+    runs = _runs(folder, line, recipe, product, order, begin, end, scheduler).through(source)
     found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
-    _print(found, runs, metric, as_json=as_json)
+    _print(found, runs, metric, range_text(begin, end), as_json=as_json)
     if plot is not None or html is not None:
         _draw(found, metric, lower, upper, plot, html)
 
@@ -80,25 +87,23 @@ def _runs(
     recipe: str | None,
     product: str | None,
     order: str | None,
-    since: str | None,
-    until: str | None,
+    since: datetime | None,
+    until: datetime | None,
     scheduler: str | None,
 ) -> Runs:
     with without_collector():
         from jbclog.analysis.runs import open_runs
-        from jbclog.cli.runs import moment
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    begin, end = moment("--since", since), moment("--until", until, is_end=True)
     return open_runs(
         folder,
         line=line,
         recipe=recipe,
         product=product,
         order=order,
-        since=begin,
-        until=end,
+        since=since,
+        until=until,
         scheduler=scheduler,
     )
 
@@ -116,7 +121,7 @@ def _list(*, as_json: bool) -> None:
     )
 
 
-def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> None:
+def _print(found: list[Trend], runs: Runs, metric: str, sought: str, *, as_json: bool) -> None:
     from jbclog.analysis.trend import metric_text
     from jbclog.analysis.trend_words import facts, lines
 
@@ -134,7 +139,11 @@ def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> Non
         return
     for one in found:
         echo(*lines(one))
-    note(f"{metric}: {metric_text(metric)}" if found else f"{runs.folder}: no run has {metric}")
+    note(
+        f"{metric}: {metric_text(metric)}"
+        if found
+        else f"{runs.folder}: no run has {metric}{sought}"
+    )
 
 
 def _draw(
@@ -156,9 +165,9 @@ def _draw(
         if html is not None:
             html.write_text(page(found, metric, figure), encoding="utf-8")
     except OSError as error:
-        raise RecordError(
-            f"{plot if html is None else html} cannot write: {error.strerror or error}"
-        ) from error
+        path = plot if html is None else html
+        assert path is not None
+        raise RecordError(f"{path}: cannot write: {write_failure(error, path)}") from error
     for path in (plot, html):
         if path is not None:
             note(f"written: {path}")

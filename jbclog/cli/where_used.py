@@ -11,13 +11,14 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
+from jbclog.cli.times import are_local, head_of_times, range_text, shown_moment, typed_moment
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.maintenance.suspect_runs import Suspect, Used
 
-HEADS = ("started", "tips", "order", "units", "verdict", "run")
+HEADS = ("tips", "order", "units", "verdict", "run")
 
 
 @reports_errors
@@ -35,7 +36,7 @@ def where_used(
     since: str | None = typer.Option(
         None,
         metavar="TIME",
-        help="Day or time, UTC; default: the last passed verification.",
+        help="Day or time; default: the last passed verification.",
         show_default=False,
     ),
     verifications: Path | None = typer.Option(
@@ -51,27 +52,30 @@ def where_used(
 
     Starts from the last failed verification: lists every run between the pass before it and the
     pass after it, with its units where they are known. Exit code 1: a manifest or the file of
-    verifications cannot be read, so the list may be incomplete.
+    verifications cannot be read, so the list may be incomplete. On a terminal, times are local, and
+    TIME without a zone is; in a pipe, a file and with --json they are UTC.
 
     \b
     Example:
       jbclog where-used --station dde-1 --port 1
     """
-    from jbclog.cli.runs import moment
     from jbclog.maintenance.suspect_runs import where_used as suspects
     from jbclog.record.find_runs import find
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    found = suspects(folder, station, port, tip, moment("--since", since), find, verifications)
+    is_local = are_local(as_json=as_json)
+    begin = typed_moment("--since", since, is_local=is_local)
+    found = suspects(folder, station, port, tip, begin, find, verifications)
     if as_json:
         echo_json(facts(found))
     else:
         note(found.why)
         if found.runs:
-            echo_table(HEADS, map(row, found.runs))
+            heads = (head_of_times("started", is_local=is_local), *HEADS)
+            echo_table(heads, [row(used, is_local=is_local) for used in found.runs])
         else:
-            note("no runs")
+            note(f"no runs{range_text(found.since, found.until)}")
     for number, wrong in found.wrong:
         note(f"verifications.jsonl: line {number} {wrong}")
     for one in found.unreadable:
@@ -80,15 +84,15 @@ def where_used(
         raise typer.Exit(1)
 
 
-def row(used: Used) -> tuple[str, ...]:
-    """Return a run as a row of `HEADS`."""
+def row(used: Used, *, is_local: bool) -> tuple[str, ...]:
+    """Return a run as a row: its start, then `HEADS`."""
     places = ", ".join(
         f"port {port} {tip or '(tip not named)'}"
         for port, tip in zip(used.ports, used.tips, strict=True)
     )
     listed = f"{count_text(len(used.units), 'unit')}: {', '.join(used.units)}"
     units = listed if used.units else "units not known"
-    started = (used.started or "-")[:16].replace("T", " ")
+    started = shown_moment(used.started, is_local=is_local)
     return started, places, used.order or "no order", units, used.verdict or "-", str(used.folder)
 
 

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, NotReadable, open_regular
 from jbclog.core.json_files import read_json
@@ -162,7 +163,7 @@ def _opened(path: Path) -> int:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
     except OSError as error:
         raise RecordError(
-            f"{path} cannot be opened: {error.strerror or error}; nothing was changed"
+            f"{path} cannot be opened: {write_failure(error, path)}; nothing was changed"
         ) from error
 
 

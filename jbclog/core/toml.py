@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from jbclog.core.encodings import not_utf8
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.files import LIMITS, Kind, read_regular
 from jbclog.core.quantities import LARGEST, WHOLE
+from jbclog.core.toml_advice import advice, hidden_words
 
 # tomllib reports no positions of keys. `KeyScan` runs first: it finds the line of every key and all
 # duplicate keys. It does not check syntax: where it cannot continue, tomllib reports on the text up
@@ -310,13 +312,10 @@ def read_text(path: Path, *, links: bool = True) -> str:
         raise Problems([Problem(str(path), None, "", error.strerror or str(error))]) from error
     except ValueError as error:  # a NUL in the name
         raise Problems([Problem(ascii(str(path)), None, "", "is not a file's name")]) from error
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise Problems(
-            [Problem(str(path), line, "", f"is not UTF-8 (byte {error.start})")]
-        ) from error
+    wrong = not_utf8(data)
+    if wrong is not None:
+        raise Problems([Problem(str(path), wrong.line, "", wrong.text)])
+    return data.decode("utf-8")
 
 
 def parse(text: str, file: str) -> TomlText:
@@ -350,7 +349,12 @@ def _tables(text: str, file: str) -> dict[str, object]:
 
 
 def _syntax(text: str, file: str, line: int) -> Problem:
-    """Return tomllib's error for the text up to `line`, where the scan stopped."""
+    """Return what is wrong in `line`, where the scan stopped, or tomllib's error for the text up to
+    there.
+    """
+    sentence = advice(text, line)
+    if sentence is not None:
+        return Problem(file, line, "", sentence)
     beginning = "\n".join(text.split("\n")[:line])
     try:
         _tables(beginning, file)
@@ -362,7 +366,8 @@ def _syntax(text: str, file: str, line: int) -> Problem:
 def _sentence(message: str, text: str, file: str) -> Problem:
     at = _AT_LINE.search(message)
     line = int(at[1]) if at and at[1] else text.count("\n") + 1
-    return Problem(file, line, "", f"this is not TOML: {_AT_LINE.sub('', message)}")
+    sentence = advice(text, line) or f"this is not TOML: {_AT_LINE.sub('', message)}"
+    return Problem(file, line, "", sentence)
 
 
 def hidden(source: TomlText) -> list[Problem]:
@@ -413,4 +418,4 @@ def _too_large_in(source: TomlText, key: KeyPath, value: object) -> Iterator[Pro
 
 
 def _holds(sign: str) -> str:
-    return f"holds the hidden or control character U+{ord(sign):04X}"
+    return f"contains a hidden character: {hidden_words(sign)}; remove it"

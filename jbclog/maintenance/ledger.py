@@ -19,6 +19,7 @@ from typing import Annotated, Final, TypeVar, overload
 
 import msgspec
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import (
     LineChain,
     add_lines,
@@ -307,7 +308,7 @@ def read_book(path: Path) -> Book:
     except FileNotFoundError:
         return Book(path)
     except OSError as error:
-        raise RecordError(f"{path} cannot be read: {_why(error)}") from error
+        raise RecordError(f"{path} cannot be read: {_why(error, path)}") from error
     return Book(path, found.entries, found.wrong, found.head)
 
 
@@ -329,16 +330,14 @@ def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
             sync_folder(path.parent.absolute().parent)
         add_lines(path, FIRST, read_line, entries, made)
     except OSError as error:
-        raise RecordError(f"{path} cannot be written: {_why(error)}") from error
+        raise RecordError(f"{path} cannot be written: {_why(error, path)}") from error
     return kept
 
 
-def _why(error: OSError) -> str:
-    return (
-        "it is a link; name the file itself"
-        if error.errno == errno.ELOOP
-        else error.strerror or str(error)
-    )
+def _why(error: OSError, path: Path) -> str:
+    if error.errno == errno.ELOOP:
+        return "it is a link; name the file itself"
+    return write_failure(error, path)
 
 
 @contextmanager
@@ -351,7 +350,7 @@ def auditing(path: Path) -> Iterator[None]:
         path.parent.mkdir(parents=True, exist_ok=True)
         held = try_lock(lock)
     except OSError as error:
-        raise RecordError(f"{lock} cannot be made: {error.strerror or error}") from error
+        raise RecordError(f"{lock} cannot be made: {write_failure(error, lock)}") from error
     if held is None:
         raise AuditInProgress(
             f"another audit uses the ledger {path}; nothing was sent. Try again when it has"

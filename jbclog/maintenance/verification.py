@@ -27,6 +27,7 @@ from statistics import fmean, stdev
 from typing import Final
 
 from jbclog.core.clock import utc_text
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import (
     add_line,
     chain_in,
@@ -322,7 +323,7 @@ def keep(out: Path, one: Verification) -> tuple[Verification, str]:
             sync_folder(out.absolute().parent)
         head = add_line(out / NAME, FIRST, _parsed, made)
     except OSError as error:
-        raise RecordError(f"{out / NAME} cannot be written: {error.strerror or error}") from error
+        raise RecordError(f"{out / NAME} cannot be written: {write_failure(error, out)}") from error
     return kept[0], head
 
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.clock import UTC_FORMAT
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import (
     add_line,
     chain_in,
@@ -116,7 +117,7 @@ def append(
         return add_line(folder / NAME, first, _parsed, made)
     except OSError as error:
         raise RecordError(
-            f"{folder / NAME} cannot be written: {error.strerror or error}"
+            f"{folder / NAME} cannot be written: {write_failure(error, folder)}"
         ) from error
 
 

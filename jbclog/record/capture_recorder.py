@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.capture_rows import CaptureRow
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import sync_folder
 from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
 from jbclog.record.capture_file import has_head, line_of, packed
@@ -53,7 +54,7 @@ class Wire:
             )
             self._put("")
         except OSError as error:
-            self.give_up(error.strerror or str(error))
+            self.give_up(write_failure(error, self._path))
 
     @property
     def is_open(self) -> bool:
@@ -68,7 +69,7 @@ class Wire:
             try:
                 self._put("".join([line_of(self._rows.popleft()) for _ in range(count)]))
             except OSError as error:
-                self.give_up(error.strerror or str(error))
+                self.give_up(write_failure(error, self._path))
         return count
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.core.disk_space import write_failure_below
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, open_regular, read_regular
@@ -335,7 +336,9 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         sealed.units = fitting_units(sealed, units_of(folder))
         expect_readable(sealed)
     except (OSError, pa.ArrowException) as error:
-        raise RecordError(f"{folder} cannot be sealed: {error}") from error
+        raise RecordError(
+            f"{folder} cannot be sealed: {write_failure_below(error, folder)}"
+        ) from error
     write_manifest(folder, sealed)
     remove_live(folder, lock)
     return sealed

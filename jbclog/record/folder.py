@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.files import NotReadable, entries_below
@@ -82,7 +83,7 @@ def create_run(out: Path, line_name: str, utc_s: float) -> Path:
         sync_folder(out)
     except OSError as error:
         raise RecordError(
-            f"{out} cannot hold a record: {error.strerror or error}. No station was touched."
+            f"{out} cannot hold a record: {write_failure(error, out)}. No station was touched."
         ) from error
     return folder
 
@@ -116,7 +117,7 @@ def keep_text(folder: Path, name: str, text: str) -> None:
         path.parent.mkdir(exist_ok=True)
         write_whole(path, text.encode())
     except OSError as error:
-        raise RecordError(f"{path} cannot be written: {error.strerror or error}") from error
+        raise RecordError(f"{path} cannot be written: {write_failure(error, folder)}") from error
 
 
 def expect_no_links(folder: Path) -> None:

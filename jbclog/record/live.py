@@ -27,6 +27,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError, cause
 from jbclog.core.locks import CommitStatus, FolderLock
 from jbclog.core.rows import (
@@ -303,8 +304,9 @@ class LiveStore:
         except (OSError, sqlite3.Error) as error:
             self._writer.close()
             self.release()
+            why = write_failure(error, self.folder)
             raise RecordError(
-                f"{self.folder}: no record can be written there: {error}. No station was touched."
+                f"{self.folder}: no record can be written there: {why}. No station was touched."
             ) from error
         self._safe_until = time.monotonic()
         self._thread.start()

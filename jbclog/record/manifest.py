@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.clock import utc_of, utc_text
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.files import LIMITS, Kind, read_regular
@@ -355,7 +356,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         write_whole(folder / NAME, manifest_text(manifest).encode())
     except OSError as error:
         raise RecordError(
-            f"{folder / NAME} cannot be written: {error.strerror or error}"
+            f"{folder / NAME} cannot be written: {write_failure(error, folder)}"
         ) from error
 
 

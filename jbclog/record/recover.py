@@ -17,6 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from jbclog.core.disk_space import write_failure, write_failure_below
 from jbclog.core.errors import Problems, RecordError, Unsafe
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
@@ -162,7 +163,7 @@ def _tried(folder: Path, patience_s: float) -> Recovery:
     except RecordError as error:
         return Recovery(folder, Outcome.REFUSED, str(error))
     except OSError as error:
-        text = f"{folder} cannot be recovered: {error.strerror or error}"
+        text = f"{folder} cannot be recovered: {write_failure(error, folder)}"
         return Recovery(folder, Outcome.REFUSED, text)
 
 
@@ -194,7 +195,8 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
                 return _recovery(folder, Outcome.RECOVERED, text, manifest)
             return _finish(folder, manifest, lock)
     except OSError as error:
-        raise RecordError(f"{folder} cannot be recovered: {error}") from error
+        why = write_failure_below(error, folder)
+        raise RecordError(f"{folder} cannot be recovered: {why}") from error
     finally:
         lock.release()
 

@@ -22,6 +22,7 @@ from typing import Final
 
 import pyarrow as pa
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
 from jbclog.core.rows import TABLES
@@ -47,9 +48,7 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
         if part and sound:  # a damaged store stays as it is
             _delete(folder, last)
     except (OSError, sqlite3.Error) as error:
-        raise RecordError(
-            f"{folder} cannot be sealed: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise RecordError(f"{folder} cannot be sealed: {write_failure(error, folder)}") from error
     return last
 
 

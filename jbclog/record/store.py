@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.database import Database, NotAStore, open_database
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import SCHEMA_VERSION
@@ -327,7 +328,9 @@ class StoreWriter:
         """Store `batches` and the `fresh` notes in one transaction; in a new file, `everything`."""
         if self._segment is None:
             return Kept(False, "the store is not open")
-        if not self._is_there(self._segment.path):  # SQLite would keep writing to the removed file
+        if not self._is_home_there():  # SQLite would keep writing to the removed file
+            return Kept(False, "its folder was removed during the run")
+        if not self._segment.path.exists():
             return Kept(False, f"{self._segment.path} was removed during the run")
         try:
             self._segment.add(batches, fresh)
@@ -335,9 +338,9 @@ class StoreWriter:
             return self._retry(error, batches, everything)
         return KEPT
 
-    def _is_there(self, path: Path) -> bool:
+    def _is_home_there(self) -> bool:
         try:
-            return os.path.samestat(self.folder.lstat(), self._home) and path.exists()
+            return os.path.samestat(self.folder.lstat(), self._home)
         except OSError:
             return False
 
@@ -357,7 +360,8 @@ class StoreWriter:
 
     def _retry(self, error: sqlite3.Error, batches: Sequence[Batch], everything: Notes) -> Kept:
         """Try once more: in the same file with space from the reserve, or in a new file."""
-        full, trouble = _code(error) == sqlite3.SQLITE_FULL, f"writing failed: {error}"
+        full = _code(error) == sqlite3.SQLITE_FULL
+        trouble = f"writing failed: {write_failure(error, self.folder)}"
         try:
             if full and self._segment is not None and self._release_half():
                 self._segment.add(batches, everything)
@@ -365,7 +369,7 @@ class StoreWriter:
             if _code(error) in NEW_FILE_ON:
                 return Kept(True, trouble, self._move(batches, everything))
         except (sqlite3.Error, OSError) as second:
-            return Kept(False, f"{trouble}; then {second}")
+            return Kept(False, f"{trouble}; then {write_failure(second, self.folder)}")
         return Kept(False, trouble)
 
     def _move(self, batches: Sequence[Batch], everything: Notes) -> str:

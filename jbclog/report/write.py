@@ -19,6 +19,7 @@ import pyarrow as pa
 
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict.idle import KEPT
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.text import cleaned
@@ -179,4 +180,4 @@ def _write(path: Path, content: bytes) -> None:
         path.parent.mkdir(exist_ok=True)
         write_whole(path, content)
     except OSError as error:
-        raise RecordError(f"{path} cannot be written: {error.strerror}") from error
+        raise RecordError(f"{path} cannot be written: {write_failure(error, path)}") from error

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.encodings import not_utf8
 from jbclog.core.errors import UsageError
 
 STDIN: Final = 0
@@ -26,7 +27,9 @@ KEPT: Final = 4096  # bytes of an unfinished line
 A_LOOK: Final = 256  # bytes of one read: more than anybody types; a faster program has to wait
 # Unicode categories of invisible characters
 HIDDEN: Final = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")
-BOM: Final = "\ufeff"
+# around a serial: blanks, and the byte order mark with which a file begins, also one that follows
+# another file in the same stream (`cat morning.txt evening.txt`)
+EDGES: Final = " \t\ufeff"
 FLAGS: Final = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 
 
@@ -45,7 +48,6 @@ class LineSplitter:
     def __init__(self) -> None:
         self._rest = b""
         self._is_cut = False
-        self._is_first = True
 
     def feed(self, data: bytes) -> Iterator[TypedLine]:
         """Return the lines completed by `data`."""
@@ -61,14 +63,16 @@ class LineSplitter:
         self._rest, self._is_cut = b"", False
 
     def _line(self, data: bytes, *, is_cut: bool) -> Iterator[TypedLine]:
-        text = data.decode("utf-8", "backslashreplace")
-        if self._is_first:
-            text = text.removeprefix(BOM)
-        self._is_first = False
-        text = text.strip(" \t")
+        try:
+            text = data.decode("utf-8")
+            is_text = True
+        except UnicodeDecodeError:
+            text = data.decode("utf-8", "backslashreplace")
+            is_text = False
+        text = text.strip(EDGES)
         shown = "".join(_shown(sign) for sign in text)
         if shown:
-            is_clear = shown.encode() == data.strip(b" \t").removeprefix(BOM.encode())
+            is_clear = is_text and shown == text
             yield TypedLine(shown[:LONGEST], is_clear, not is_cut and len(shown) <= LONGEST)
 
 
@@ -143,7 +147,7 @@ def is_plain_file(name: str) -> bool:
 
 
 def lines_of_file(name: str, most_bytes: int) -> list[TypedLine]:
-    """Read all lines of a regular file. Raises `UsageError`."""
+    """Read all lines of a regular file. Raises `UsageError`, also if it is not UTF-8."""
     try:
         with open(STDIN if name == "-" else name, "rb", closefd=name != "-") as file:
             data = file.read(most_bytes + 1)
@@ -151,5 +155,9 @@ def lines_of_file(name: str, most_bytes: int) -> list[TypedLine]:
         raise UsageError(f"--units {name}: {error.strerror or error}") from error
     if len(data) > most_bytes:
         raise UsageError(f"--units {name}: more than {most_bytes} bytes; not a list of serials")
+    wrong = not_utf8(data)
+    if wrong is not None:
+        where = "" if wrong.line is None else f", line {wrong.line}"
+        raise UsageError(f"--units {name}{where}: {wrong.text}")
     splitter = LineSplitter()
     return [*splitter.feed(data), *splitter.finish()]

@@ -26,7 +26,7 @@ from jbclog.record.recover import recover
 from support.command import is_sampling, jbclog, until
 from support.faults.guarded import begun, only_run
 from support.faults.killed_run import folders
-from support.faults.small_disk import fill, small_disk
+from support.faults.small_disk import fill, small_disk, take_inodes
 from support.oracles.invariants import Ended, violations
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
@@ -38,9 +38,9 @@ SAFE_S = 5.0  # from the first failed commit, which comes within a second
 
 
 @contextmanager
-def sampling(line: ServedLine, out: Path) -> Iterator[subprocess.Popen[str]]:
+def sampling(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
     """A run with all tools at work and rows in its record."""
-    run = begun(line, out)
+    run = begun(line, out, *more)
     try:
         assert until(lambda: line.at_work() == TOOLS and is_sampling(out)), run.communicate(
             timeout=5
@@ -178,10 +178,96 @@ def test_a_folder_that_is_removed_while_the_run_goes_on(line: ServedLine, tmp_pa
         assert_made_safe(line)
         _, said = run.communicate(timeout=200)
     assert run.returncode == 4, said
-    assert "was removed during the run" in said
-    assert "if it was deleted, nothing of it is left" in said
-    assert "tries again" not in said
+    folder = run_folder(said)
+    assert findings_of(said) == [
+        (
+            f"exit 4: {folder} was removed during the run. If it was moved, `jbclog recover`"
+            " finishes it where it is now; if it was deleted, nothing of it is left"
+        )
+    ]
+    assert said.splitlines()[-1] == NEXT_GONE
     assert "Traceback" not in said
+
+
+NEXT_GONE = "Next: jbclog recover FOLDER, if you moved the run there; if you deleted it, run again"
+
+
+def run_folder(said: str) -> str:
+    return said.splitlines()[0].removeprefix("recording into ")
+
+
+def findings_of(said: str) -> list[str]:
+    return [line for line in said.splitlines() if line.startswith("exit ")]
+
+
+def test_a_run_that_was_moved_is_finished_where_it_is(line: ServedLine, tmp_path: Path) -> None:
+    """Asked for a report, too: there is none of what is not finished, and the run's end is shown
+    all the same.
+    """
+    out = tmp_path / "runs"
+    with sampling(line, out, "--report") as run:
+        there = only_run(out).rename(tmp_path / "elsewhere")
+        assert_made_safe(line)
+        _, said = run.communicate(timeout=200)
+    assert run.returncode == 4, said
+    assert said.splitlines()[-2:] == ["6 tools are in their safe state, as read back", NEXT_GONE]
+    assert jbclog("recover", there).returncode == 5  # its tools were made safe after the move
+    assert check(there) == []
+
+
+# -- no inodes -------------------------------------------------------------------------------------
+
+NO_INODES = "no inodes left on the disk at {} (`df -i`); remove old files from it"
+
+
+@pytest.mark.parametrize(
+    ("inodes", "what"),
+    [
+        (3, "{out} cannot hold a record"),
+        (5, "{folder}/line.toml cannot be written"),
+        (9, "{folder}/live.lock cannot be opened"),
+        (10, "{folder}: no record can be written there"),
+        (11, "{folder}: no record can be written there"),  # SQLite's file
+        (13, "{folder}: no record can be written there"),  # its log's index
+    ],
+)
+def test_without_inodes_no_station_is_asked(
+    line: ServedLine, tmp_path: Path, inodes: int, what: str
+) -> None:
+    with small_disk(tmp_path / "disk", "30m", inodes) as disk:
+        before, out = line.questions(), disk / "runs"
+        _, said = begun(line, out).communicate(timeout=200)
+        assert line.questions() == before
+        folder = next(out.iterdir(), out)
+        where = what.format(out=out, folder=folder)
+        assert said.startswith(f"error: {where}: {NO_INODES.format(disk)}"), said
+        assert len(said.splitlines()) == 1
+
+
+def test_inodes_that_run_out_during_a_run_are_named_once_and_recover_is_next(
+    line: ServedLine, tmp_path: Path
+) -> None:
+    with small_disk(tmp_path / "disk", "30m", 64) as disk:
+        out = disk / "runs"
+        with sampling(line, out, "--report") as run:
+            fillers = take_inodes(disk)
+            run.terminate()
+            _, said = run.communicate(timeout=200)
+        folder = only_run(out)
+        assert run.returncode == 4, said
+        assert [text for text in findings_of(said) if text.startswith("exit 4")] == [
+            (
+                f"exit 4: {folder} cannot be sealed: {NO_INODES.format(disk)};"
+                f" `jbclog recover {folder}` tries again"
+            )
+        ]
+        assert said.splitlines()[-1] == f"Next: jbclog recover {folder}"
+        again = jbclog("recover", folder)
+        assert again.returncode == 4
+        assert NO_INODES.format(disk) in again.stdout + again.stderr
+        shutil.rmtree(fillers)
+        assert jbclog("recover", folder).returncode == 0
+        assert check(folder) == []
 
 
 def test_on_a_disk_that_is_read_only_no_station_is_asked(line: ServedLine, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from jbclog.app.batch.state import BatchState, Entry, EntryKind, batch_state
 from jbclog.app.batch.store import ADD_LINE, BatchStore
 from jbclog.core.clock import utc_text
 from jbclog.core.database import Database
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import (
     LineChain,
     chain_in,
@@ -73,9 +74,8 @@ class Journal:
                 kept = replace(entry, time=iso(self._utc()), seq=seq + 1, prev_sha256=previous)
                 db.execute(ADD_LINE, (_line(kept),))
         except OSError as error:
-            raise RecordError(
-                f"{self.store.path} cannot be written: {error.strerror or error}; {NO_MORE}"
-            ) from error
+            why = write_failure(error, self.store.path)
+            raise RecordError(f"{self.store.path} cannot be written: {why}; {NO_MORE}") from error
         self.state.take(kept)
 
 
@@ -89,7 +89,7 @@ def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
         write_whole(folder / JOBS_FILE, text.encode())
         sync_folder(home)
     except OSError as error:
-        raise RecordError(f"{folder} cannot be made: {error.strerror or error}") from error
+        raise RecordError(f"{folder} cannot be made: {write_failure(error, folder)}") from error
     return Journal(folder, utc)
 
 

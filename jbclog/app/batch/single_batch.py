@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import Kind, open_regular, open_to_write
@@ -34,7 +35,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
         descriptor = open_to_write(home / LOCK, Kind.LOCK)
     except OSError as error:
         raise RecordError(
-            f"{home} cannot be created or locked: {error.strerror or error}; nothing was started"
+            f"{home} cannot be created or locked: {write_failure(error, home)}; nothing was started"
         ) from error
     try:
         if not _lock(descriptor):

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError, UsageError
 
@@ -69,7 +70,7 @@ def written(out: Path) -> Iterator[Path]:
         _replace(aside / real.name, real, aside)
     except OSError as error:
         raise RecordError(
-            f"{out}: cannot be written: {error.strerror or error}; nothing of it is left"
+            f"{out}: cannot be written: {write_failure(error, out)}; nothing of it is left"
         ) from error
     finally:
         if aside is not None:

@@ -116,6 +116,7 @@ class RunRecord:
         self.folder = folder or create_run(out, plan.line.name, clock.utc())
         previous = previous_run(out, plan.line.name, self.folder)
         self._plan = plan
+        self._is_remedy_given = False  # in the text that `close` returns
         self._store = LiveStore(
             self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened
         )
@@ -126,21 +127,18 @@ class RunRecord:
             SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)
         ]
 
-    def _expect_readable(self) -> None:
-        try:
-            expect_readable(self.manifest)
-        except RecordError as error:
-            raise RecordError(f"{error}. No station was touched") from error
-
     def begin(self) -> None:
         """Copy the inputs and begin to take rows. Raises `RecordError`, before any station is
         touched.
         """
-        self._expect_readable()
-        keep_text(self.folder, "line.toml", self._plan.line.text)
-        for name, recipe in self._plan.recipes.items():
-            keep_text(self.folder, f"recipes/{name}", recipe.text)
-        write_manifest(self.folder, self.manifest)
+        try:
+            expect_readable(self.manifest)
+            keep_text(self.folder, "line.toml", self._plan.line.text)
+            for name, recipe in self._plan.recipes.items():
+                keep_text(self.folder, f"recipes/{name}", recipe.text)
+            write_manifest(self.folder, self.manifest)
+        except RecordError as error:
+            raise RecordError(f"{error}. No station was touched.") from error
         self._store.start()
         self.show(lambda: self.observer.begun(self.folder))
         count = len(self.contexts)
@@ -224,9 +222,12 @@ class RunRecord:
         self.show(self.observer.sealing)
         failure = str(self._store.failure) if self._store.failure else None
         try:
+            self._store.lock.expect_ours()
             seal_in_child(self.folder, self._store.lock)
         except RecordError as error:
-            return failure or self._failure_text(error)
+            if failure is None or not self._store.lock.is_ours:
+                self._is_remedy_given = True
+                return self._failure_text(error)
         return failure
 
     def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
@@ -253,7 +254,8 @@ class RunRecord:
         try:
             self.manifest = conclude(self.folder, manifest, self._store.lock)
         except RecordError as error:
-            found.append(RunFinding(Exit.RECORD, self._failure_text(error)))
+            if not self._is_remedy_given:
+                found.append(RunFinding(Exit.RECORD, self._failure_text(error)))
         finally:
             self._store.release()
         return Result(self.folder, exit_code(found), found, self.manifest)

@@ -37,6 +37,7 @@ LOOK_EVERY_S: Final = 0.1
 LOOKS_AT_END: Final = 64  # looks at lines that are not read yet
 END_WORD: Final = "END"
 LEAST_WORK_US: Final = 1_000_000
+NUL_SHOWN: Final = r"\x00"  # a zero byte as `typed_lines` shows it
 
 Keep = Callable[[EventRow], None]
 
@@ -186,6 +187,8 @@ class UnitFeed:
             text = (
                 f"Unit {line.text} {begins}; hidden characters in its serial are shown as escapes."
             )
+            if NUL_SHOWN in line.text:
+                text += " The source seems to send UTF-16; set it to UTF-8."
             self._note("unit.begin", text, line.text, Severity.WARNING)
 
     def _is_repeat(self, serial: str) -> bool:

@@ -6,18 +6,20 @@ import os
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 import pytest
 
 
 @contextmanager
-def small_disk(place: Path, size: str) -> Iterator[Path]:
-    """Mount one of `size` (``3m``) at `place` while a `with` lasts; the test is skipped where that
-    cannot be.
+def small_disk(place: Path, size: str, inodes: int | None = None) -> Iterator[Path]:
+    """Mount one of `size` (``3m``) at `place` while a `with` lasts, with that many `inodes`, its
+    own folder included; the test is skipped where that cannot be.
     """
     place.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "jbclog-test", str(place)]
+    options = f"size={size}" if inodes is None else f"size={size},nr_inodes={inodes}"
+    command = ["mount", "-t", "tmpfs", "-o", options, "jbclog-test", str(place)]
     if (
         os.geteuid() != 0
         or subprocess.run(command, capture_output=True, check=False).returncode != 0
@@ -27,6 +29,18 @@ def small_disk(place: Path, size: str) -> Iterator[Path]:
         yield place
     finally:
         subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def take_inodes(disk: Path) -> Path:
+    """Take all inodes that there are; give the folder of what holds them."""
+    folder = disk / "fillers"
+    folder.mkdir()
+    for number in count():
+        try:
+            (folder / str(number)).touch()
+        except OSError:
+            return folder
+    raise AssertionError
 
 
 def fill(disk: Path) -> Path:

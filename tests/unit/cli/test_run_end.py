@@ -37,7 +37,9 @@ RULES: list[dict[str, object]] = [
 def result(
     *stations: StationFacts, verdict: str = "REJECT", cut_short: Exit | None = None
 ) -> Result:
-    manifest = Manifest("x", verdict=verdict, stations=list(stations), verdict_rules=RULES)
+    manifest = Manifest(
+        "x", state="sealed", verdict=verdict, stations=list(stations), verdict_rules=RULES
+    )
     found = findings(stations, verdict=verdict, record=None, cut_short=cut_short)
     code = found[0].code if found else Exit.FINE
     return Result(FOLDER, code, found, manifest)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
 from jbclog.analysis.verdict import Verdict
-from jbclog.cli.runs import STATES, VERDICTS, moment
-from jbclog.core.errors import UsageError
+from jbclog.cli.runs import STATES, VERDICTS
 from jbclog.core.rows import StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import (
@@ -60,7 +58,7 @@ def test_a_run_is_a_row_with_its_folder_last(runs: Path) -> None:
     assert (shown.exit_code, shown.stderr) == (0, "")
     assert (
         shown.stdout
-        == "started           line     recipe        operator  order  product  units    verdict "
+        == "started UTC       line     recipe        operator  order  product  units    verdict "
         " state  run\n2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0"
         f" +1  ACCEPT   ended  runs/{RUN}\n"
     )
@@ -85,12 +83,18 @@ def test_json_is_a_line_a_run_with_everything_by_which_it_is_found(runs: Path) -
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [["--order", "1"], ["--since", "2026-11-22"], ["--until", "2026-11-20"], ["--tag", "a=1"]],
+    ("arguments", "sought"),
+    [
+        (["--order", "1"], ""),
+        (["--since", "2026-11-22"], " from 2026-11-22 00:00 UTC on"),
+        (["--until", "2026-11-20"], " before 2026-11-21 00:00 UTC"),
+        (["--tag", "a=1"], ""),
+    ],
 )
-def test_where_none_fits_that_is_said(runs: Path, arguments: list[str]) -> None:
+def test_where_none_fits_that_is_said(runs: Path, arguments: list[str], sought: str) -> None:
     shown = told(*arguments)
-    assert (shown.exit_code, shown.stdout, shown.stderr) == (0, "", "runs: no run matches\n")
+    expected = (0, "", f"runs: no run matches{sought}\n")
+    assert (shown.exit_code, shown.stdout, shown.stderr) == expected
 
 
 def test_a_day_that_ends_the_search_is_in_it(runs: Path) -> None:
@@ -176,19 +180,6 @@ def test_wrong_usage(runs: Path, arguments: list[str], why: str) -> None:
 
 def test_verdicts_are_those_of_the_judge() -> None:
     assert set(VERDICTS) == {str(one) for one in Verdict}
-
-
-@pytest.mark.parametrize(
-    "text", ["2026-11-21T08:00", "2026-11-21 08:00", "2026-11-21T09:00+01:00", "2026-11-21T08:00Z"]
-)
-def test_times_are_utc_where_they_name_no_zone(text: str) -> None:
-    assert moment("--since", text) == datetime(2026, 11, 21, 8, tzinfo=UTC)
-
-
-def test_no_time_is_none() -> None:
-    assert moment("--since", None) is None
-    with pytest.raises(UsageError):
-        moment("--since", "")
 
 
 # -- annotate --unit -------------------------------------------------------------------------------

@@ -46,7 +46,7 @@ ONE_PROBLEM = "1 problem; nothing sent\n"
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("A.\udcff", "bytes that are not text in this system's encoding"),
+        ("A.\udcff", "bytes that are not UTF-8; set the terminal to UTF-8"),
         ("A.\x1b[2J", "hidden or control character U+001B"),
         ("A.\u202eissoR", "hidden or control character U+202E"),
         ("A" * 201, "201 characters, at most 200"),
@@ -106,16 +106,40 @@ def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("text", "where", "why"),
     [
-        (b"SN-1\nSN\x1d2\n", "hidden characters"),
-        (b"X" * 201, "too long"),
-        (b"SN\n" * 400_000, "not a list of serials"),
+        (
+            "SN-1\r\nSN-2\r\n".encode("utf-16"),
+            "",
+            'is UTF-16 ("Unicode" in Windows and Excel); save it as UTF-8',
+        ),
+        (
+            "SN-1\nLöt-2\n".encode("latin-1"),
+            ", line 2",
+            'byte 0xF6 at column 2 is not UTF-8 ("ö" in Latin-1); save the file as UTF-8',
+        ),
+        (
+            b"SN-1\nSN\x1d2\n",
+            "",
+            "SN\\x1d2: a hidden character, shown as an escape; remove it",
+        ),
+        (
+            b"SN-1\xef\xbb\xbfSN-2\n",  # two files joined, the first without a line end
+            "",
+            "SN-1\\ufeffSN-2: a hidden character, shown as an escape; remove it",
+        ),
+        (
+            b"X" * 201,
+            "",
+            f"{'X' * 60}…: more than 200 characters; put one serial on each line",
+        ),
+        (b"SN\n" * 400_000, "", "more than 1000000 bytes; not a list of serials"),
     ],
 )
-def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> None:
+def test_a_list_of_serials_that_is_none(place: Path, text: bytes, where: str, why: str) -> None:
     (place / "serials.txt").write_bytes(text)
-    assert why in refused("run", "job.toml", "--line", "line.toml", "--units", "serials.txt")
+    told = refused("run", "job.toml", "--line", "line.toml", "--units", "serials.txt")
+    assert told == f"error: --units serials.txt{where}: {why}\n{ONE_PROBLEM}"
     assert not (place / "runs").exists()
 
 

@@ -417,7 +417,10 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
                 " from 0 on"
             ),
         ),
-        (HEAD + "# \u202e hidden\n", "job.toml:5: holds the hidden or control character U+202E"),
+        (
+            HEAD + "# \u202e hidden\n",
+            "job.toml:5: contains a hidden character: right-to-left override (U+202E); remove it",
+        ),
     ]
 )
 def test_what_is_wrong_with_a_file_as_a_whole(text: str, problem: str | None) -> None:

@@ -50,7 +50,7 @@ def test_a_fact_is_kept_as_it_was_told(ledger: Path) -> None:
     assert (ended.exit_code, ended.stderr) == (0, "")
     assert (
         ended.stdout
-        == "2024-11-20 14:30  dde-1 port 1  tip-change  A. Rossi  T-17  worn  (line 4 of"
+        == "2024-11-20 14:30 UTC  dde-1 port 1  tip-change  A. Rossi  T-17  worn  (line 4 of"
         f" {ledger})\n"
     )
     (fact,) = read_book(ledger).facts

@@ -67,8 +67,26 @@ def test_two_serials_that_differ_in_what_does_not_show_differ() -> None:
     assert len({line.text for line in lines(b"A\x1dB\nA\x1eB\nAB\n")}) == 3
 
 
-def test_the_mark_that_windows_puts_first_is_no_part_of_a_serial() -> None:
-    assert lines(b"\xef\xbb\xbfSN-1\n") == [TypedLine("SN-1")]
+MARK = b"\xef\xbb\xbf"
+
+
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        (MARK + b"SN-1\nSN-2\n",),
+        (b"SN-1\n" + MARK + b"SN-2\n",),  # cat morning.txt evening.txt
+        (MARK + b"SN-1\r\n" + MARK + b" SN-2" + MARK + b"\n",),
+        (b"SN-1\n" + MARK + b"\n" + MARK + MARK + b"SN-2\n",),
+        (b"SN-1\n" + MARK[:1], MARK[1:2], MARK[2:] + b"SN-2\n"),
+    ],
+)
+def test_the_mark_that_windows_puts_first_is_no_part_of_a_serial(pieces: tuple[bytes, ...]) -> None:
+    assert lines(*pieces) == [TypedLine("SN-1"), TypedLine("SN-2")]
+
+
+def test_the_mark_within_a_serial_is_shown() -> None:
+    """Nobody can know whether it is one serial or two."""
+    assert lines(b"SN-1" + MARK + b"SN-2\n") == [TypedLine("SN-1\\ufeffSN-2", is_clear=False)]
 
 
 @pytest.mark.parametrize("length", [201, KEPT, KEPT + 1, 10 * KEPT])

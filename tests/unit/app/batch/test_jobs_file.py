@@ -85,7 +85,8 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
         (['tags = { x = "" }'], 'night.toml:6: job[1].tags.x: "" is not allowed; names and texts'),
         (
             ['operator = "A\\u202eB"'],
-            "night.toml:6: job[1].operator: holds the hidden or control character U+202E",
+            "night.toml:6: job[1].operator: contains a hidden character: right-to-left override"
+            " (U+202E); remove it",
         ),
         (
             ["units = 3", 'units_from = "/dev/null"', "joints = 3"],

@@ -71,6 +71,23 @@ def test_a_serial_begins_its_unit_and_ends_the_one_before(feeding: Feeding) -> N
     assert end.time == begin.time
 
 
+def test_a_file_in_another_encoding_that_is_piped_in_is_named(feeding: Feeding) -> None:
+    (told, *_) = feeding.types("SN-1\r\nSN-2\r\n".encode("utf-16-be"))
+    assert told == ("begin", r"\x00S\x00N\x00-\x001\x00")
+    assert feeding.context.events[0].text.endswith(
+        "The source seems to send UTF-16; set it to UTF-8."
+    )
+
+
+def test_a_list_joined_from_files_of_windows_has_its_serials(feeding: Feeding) -> None:
+    mark = b"\xef\xbb\xbf"
+    assert feeding.types(mark + b"SN-1\r\n", mark + b"SN-2\r\n") == [
+        ("begin", "SN-1"),
+        ("end", "SN-1"),
+        ("begin", "SN-2"),
+    ]
+
+
 def test_a_unit_begins_somewhere_between_two_looks(feeding: Feeding) -> None:
     feeding.types(b"SN-1\n")
     (event,) = feeding.context.events
