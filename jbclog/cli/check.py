@@ -46,6 +46,7 @@ def check(
     from jbclog.record.chains import HEAD, SHOWN, digits, short_head
     from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
+    from jbclog.record.clock_steps import start_doubt
     from jbclog.record.cross_check import uncovered
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
     from jbclog.report.agreement import compare_report
@@ -68,11 +69,16 @@ def check(
             *(Finding("joints", text) for text in beyond_bounds(open_run(run))),
         ]
         notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
-    if read_manifest(run).is_sealed:
+    manifest = read_manifest(run)
+    if manifest.is_sealed:
         bare += uncovered(run, head)
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
     apart += ["verdict not recomputed in full"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
+    clock_wrong = start_doubt(manifest.started, manifest.clock_steps)
+    if clock_wrong:
+        notes.append(clock_wrong)
+        apart.append("wrong times")
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")
     own = manifest_sha256(run)

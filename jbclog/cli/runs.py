@@ -165,6 +165,8 @@ def _print(
             continue
         if one.changed:
             note(f"{one.folder}: its manifest {one.changed}")
+        if one.clock_wrong:
+            note(f"{one.folder}: {one.clock_wrong}")
         found.append(one)
         if as_json:
             echo_json(facts(one))

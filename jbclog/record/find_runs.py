@@ -29,9 +29,11 @@ from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
+from jbclog.record.clock_steps import start_doubt
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import (
     NAME,
+    ClockStep,
     LineFile,
     Lost,
     Metadata,
@@ -85,6 +87,7 @@ class _Summary:
     units: list[Unit] = field(default_factory=list)
     stations: list[_Station] = field(default_factory=list)
     lost: Lost | None = None
+    clock_steps: list[ClockStep] | None = None
 
 
 _read_summary: Final = decoder(_Summary)
@@ -97,7 +100,8 @@ class Found:
     `run` is its name in the manifest, and that of its folder unless somebody renamed or copied it.
     `units` are all serials: named at the start, read during the run, added later. `recipes` are
     ``NAME@REVISION``. `changed` says what is wrong with the manifest: a person or a disk changed
-    it. `periods_s` are seconds between the ticks of each sampled station; None without pause.
+    it. `clock_wrong` says what is wrong with its times: its host had a wrong clock at the start.
+    `periods_s` are seconds between the ticks of each sampled station; None without pause.
     """
 
     folder: Path
@@ -121,6 +125,7 @@ class Found:
     exit_code: int | None
     lost: str | None
     changed: str | None
+    clock_wrong: str | None = None
     periods_s: Mapping[str, float | None] = field(default_factory=dict)
     manifest_sha256: str = ""
 
@@ -334,7 +339,8 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
-        for time in (summary.started, summary.ended):
+        steps = [step.time for step in summary.clock_steps or ()]
+        for time in (summary.started, summary.ended, *steps):
             expect_time(time)
         for station in summary.stations:
             expect_period(station.period_s)
@@ -379,6 +385,7 @@ def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) ->
         exit_code=summary.exit_code,
         lost=None if summary.lost is None else summary.lost.text,
         changed=changed,
+        clock_wrong=start_doubt(summary.started, summary.clock_steps),
         periods_s={
             station.name: station.period_s
             for station in summary.stations
