@@ -137,14 +137,14 @@ def _insist(
     names = ", ".join(f"{made.target.name} ({made.target.url})" for made in silent)
     mixed = why_mixed(line)
     if mixed is not None:
-        note(f"nothing sent to {names}: {mixed}. Switch the station off")
+        note(f"no order sent to {names}: {mixed}. Switch the station off")
         return
     note(
         f"No answer from {names}. An order may be sent all the same. The cable may lead to another"
         " station by now, and a tip that rests would be warmed."
     )
     if not _is_confirmed():
-        note("nothing sent. Switch the station off")
+        note("No order sent. Switch the station off")
         return
     insist(silent, access)
     for made in silent if not as_json else ():

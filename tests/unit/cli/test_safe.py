@@ -541,7 +541,7 @@ def test_who_does_not_say_yes_orders_nothing(make: Make, reply: str) -> None:
     bench = silenced(make(station_text("dde-1", "dde")), "dde-1")
     ended = insisted(bench, reply)
     assert (ended.code, writes(bench, "dde-1")) == (5, [])
-    assert "nothing sent. Switch the station off" in ended.err
+    assert "No order sent. Switch the station off" in ended.err
 
 
 @pytest.mark.usefixtures("own_state")
@@ -552,7 +552,7 @@ def test_on_a_mixed_line_nobody_is_asked(make: Make, other: str) -> None:
     bench = silenced(make(*stations), "dde-1")
     ended = insisted(bench, "y\n")
     assert (ended.code, writes(bench, "dde-1")) == (5, [])
-    assert "nothing sent to dde-1" in ended.err
+    assert "no order sent to dde-1" in ended.err
     assert "Switch the station off" in ended.err
 
 
