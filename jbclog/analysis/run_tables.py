@@ -146,6 +146,12 @@ def utc(moment: Moment | None) -> pd.Timestamp | None:
     return stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
 
 
+def _micros_of(moment: Moment) -> int:
+    stamp = utc(moment)
+    assert stamp is not None
+    return int(stamp.as_unit("ns").value // 1000)
+
+
 def frame(table: pa.Table) -> pd.DataFrame:
     """Return an Arrow table as a DataFrame: Int64 and boolean columns where values can be missing,
     times in UTC.
@@ -305,9 +311,21 @@ class RunTables:
         selection = self._select("samples", station, port, start, stop, columns)
         return self._frame(selection) if clock == "run" else self._by_host(selection)
 
+    def host_time(self, moment: Moment) -> pd.Timestamp:
+        """Return the host's time at a moment of the run. Raises `RecordError`."""
+        micros = self._host_clock().corrected(_micros_of(moment))
+        return pd.Timestamp(micros, unit="us", tz=UTC)
+
+    def run_time(self, moment: Moment) -> pd.Timestamp:
+        """Return the run's time at a moment of its host's clock. Raises `RecordError`."""
+        micros = self._host_clock().run_time(_micros_of(moment))
+        return pd.Timestamp(micros, unit="us", tz=UTC)
+
+    def _host_clock(self) -> HostClock:
+        return HostClock(steps_in(self.groups("events", STEP_COLUMNS)), self.manifest.started)
+
     def _by_host(self, wanted: Selection) -> pd.DataFrame:
-        steps = steps_in(self.groups("events", STEP_COLUMNS))
-        host = HostClock(steps, self.manifest.started)
+        host = self._host_clock()
         most = pd.Timedelta(max(host.offsets_us), "us")
         least = pd.Timedelta(min(host.offsets_us), "us")
         start, stop = wanted.start, wanted.stop

@@ -172,9 +172,10 @@ def facts(run: Found) -> dict[str, object]:
     known = {
         one.name: getattr(run, one.name)
         for one in fields(run)
-        if one.name not in ("folder", "run", "manifest_sha256")
+        if one.name not in ("folder", "run", "manifest_sha256", "clock_steps")
     }
-    return {"run": str(run.folder), **known, "shown_state": run.shown_state}
+    more = {"shown_state": run.shown_state, "clock_wrong": run.clock_wrong}
+    return {"run": str(run.folder), **known, **more}
 
 
 def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:

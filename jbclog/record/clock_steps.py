@@ -64,7 +64,8 @@ class HostClock:
     """Converts between a run's clock and its host's, UTC in µs, by the steps of the host's.
 
     `from_us`: the run's times from which the offsets after the first apply, of `offsets_us`, host's
-    less run's. A first step that corrects a wrong start (`is_wrong_start`) counts from the start.
+    less run's. A first step that corrects a wrong start (`is_wrong_start`) counts from the start,
+    if that is given.
     """
 
     def __init__(self, steps: Sequence[ClockStep], started: str | None = None) -> None:
@@ -72,14 +73,19 @@ class HostClock:
         after_us = [round(step.offset_s * 1e6) for step in steps]
         is_correction = bool(steps) and is_wrong_start(steps[0], started)
         self.offsets_us = [after_us[0] if is_correction else 0, *after_us]
-        self._stated_us = [0, *after_us]
 
     def corrected(self, run_us: int) -> int:
-        """Return the host's time at a moment of the run, by a clock that was right at its start."""
+        """Return the host's time at a moment of the run."""
         return run_us + self.offsets_us[bisect_right(self.from_us, run_us)]
 
+    def corrected_text(self, run_text: str | None) -> str | None:
+        """Return `corrected` of a time of a manifest, in its format; None for None."""
+        if run_text is None or not self.from_us:
+            return run_text
+        return iso(self.corrected(utc_micros(run_text)))
+
     def run_time(self, host_us: int) -> int:
-        """Return the run's time of what another process of this host noted at `host_us`.
+        """Return the run's time of a moment that is `host_us` by the host's clock.
 
         Times that the host's clock had twice, because it was set back, are taken for the later
         ones; times that it skipped for the moment of the step.
@@ -87,7 +93,7 @@ class HostClock:
         run_us = host_us
         until_us = None
         for from_us, offset_us in zip(
-            (*reversed(self.from_us), None), reversed(self._stated_us), strict=True
+            (*reversed(self.from_us), None), reversed(self.offsets_us), strict=True
         ):
             run_us = host_us - offset_us
             if until_us is not None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import jbclog
+from jbclog.app.audit.records import error_events
+from jbclog.maintenance.suspect_runs import where_used
 from jbclog.record.annotations import append
 from jbclog.record.check import check
+from jbclog.record.find_runs import Filter, find
 from jbclog.record.manifest import read_manifest
 from jbclog.report.write import write_report
 from support.invoked import invoked
@@ -174,3 +177,49 @@ def test_an_acknowledgement_has_its_time_by_the_runs_clock(tmp_path: Path) -> No
     assert datetime.fromisoformat(given.time).timestamp() == pytest.approx(
         ended.timestamp() + 5.0, abs=0.01
     )
+
+
+def test_runs_are_found_by_the_corrected_clock(from_1970: Path) -> None:
+    """Their folders' names have the wrong start."""
+    begin = datetime(2026, 9, 21, tzinfo=UTC)
+    end = datetime(2026, 9, 22, tzinfo=UTC)
+    wanted = (Filter(since=begin), Filter(until=end), Filter(ended_since=begin))
+    others = (Filter(since=end), Filter(until=begin), Filter(ended_since=end))
+    assert [len(list(find(from_1970.parent, one))) for one in wanted] == [1, 1, 1]
+    assert [len(list(find(from_1970.parent, one))) for one in others] == [0, 0, 0]
+
+
+def test_a_run_that_began_in_1970_is_suspect_after_a_failed_verification(from_1970: Path) -> None:
+    out = from_1970.parent
+    before, after = datetime(2026, 9, 20, tzinfo=UTC), datetime(2026, 9, 22, tzinfo=UTC)
+    (suspect,) = where_used(out, "dde-1", since=before).runs
+    assert suspect.folder == from_1970
+    assert where_used(out, "dde-1", since=after).runs == []
+
+
+def test_moments_are_converted_from_and_to_the_hosts_clock(
+    stepped: Started, from_1970: Path
+) -> None:
+    run = jbclog.open_run(stepped[-20.0])
+    start = pd.Timestamp(run.manifest.started)
+    assert run.host_time(start + pd.Timedelta("5s")) == start + pd.Timedelta("5s")
+    assert run.host_time(start + pd.Timedelta("50s")) == start + pd.Timedelta("30s")
+    assert run.run_time(start + pd.Timedelta("30s")) == start + pd.Timedelta("50s")
+    assert run.run_time(start + pd.Timedelta("5s")) == start + pd.Timedelta("5s")
+    ahead = jbclog.open_run(stepped[3600.0])
+    begin = pd.Timestamp(ahead.manifest.started)
+    (step,) = ahead.manifest.clock_steps or []
+    skipped = begin + pd.Timedelta("10min")
+    assert ahead.run_time(skipped) == pd.Timestamp(step.time), "the host's clock never showed it"
+    old = jbclog.open_run(from_1970)
+    began = pd.Timestamp(old.manifest.started)
+    assert old.run_time(old.host_time(began)) == began
+    assert old.run_time("2025-01-01") < began
+
+
+def test_an_audit_counts_errors_by_the_hosts_clock(stepped: Started) -> None:
+    """The station has an error at 45 s, an hour later by the host's clock."""
+    run = jbclog.open_run(stepped[3600.0])
+    hours = [f"2026-09-21T{hour}:00:00+00:00" for hour in (14, 15, 16)]
+    assert error_events(run, "dde-1", hours[0], hours[1]) == {}
+    assert error_events(run, "dde-1", hours[1], hours[2]) == {"station.error": 1}

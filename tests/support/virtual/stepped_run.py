@@ -18,6 +18,7 @@ from support.virtual.recorded_run import RecordedRun, plan_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 SECONDS = 60
+ERROR_AT = 45.0
 JOINTS = "joints_per_minute = 12\nseed = 3"
 
 
@@ -45,7 +46,9 @@ def stepped_run(
     recipe: str = RECIPE,
     **options: Any,
 ) -> Path:
-    """The folder of a run of 60 s. `steps`: second -> size in s; `units`: second -> serial."""
+    """The folder of a run of 60 s with an error of its station at 45 s. `steps`: second -> size in
+    s; `units`: second -> serial.
+    """
     clock = SteppedClock(utc=start_utc)
 
     def meanwhile(record: RunRecord, driver: VirtualDriver) -> None:
@@ -58,6 +61,7 @@ def stepped_run(
             driver.at(begin + second + 0.5, recorder._look_at_clock)
         for second, serial in units.items():
             driver.at(begin + second, partial(_begin_unit, record, serial))
+        driver.at(begin + ERROR_AT, partial(_note_error, record))
 
     line = line_text(JOINTS, "ports = [1, 2]")
     plan = plan_in(home, line, recipe, SECONDS, **options)
@@ -69,3 +73,8 @@ def _begin_unit(record: RunRecord, serial: str) -> None:
     record.journal.event(
         EventRow(time, "unit.begin", Severity.INFO, f"Unit {serial}.", raw=serial), at_once=True
     )
+
+
+def _note_error(record: RunRecord) -> None:
+    time = record.utc.micros(record.clock.monotonic())
+    record.journal.event(EventRow(time, "station.error", Severity.ERROR, "Error 7.", "dde-1"))
