@@ -131,6 +131,15 @@ def _insist(
     """Ask once whether to order the stations that do not answer, and do it."""
     from jbclog.app.safe_state import insist, unanswered, why_mixed
 
+    for made in stations:
+        report = guards.report(made.target.url)
+        if report is not None and report[1].orders:
+            run, unsafe = report
+            note(
+                f"{made.target.name}: the guard of the run {run} has ordered it"
+                f" {unsafe.orders} times without an answer; --unanswered sends no further order,"
+                " because each begins the sleep delay again"
+            )
     silent = unanswered(stations, guards)
     if not silent:
         return
