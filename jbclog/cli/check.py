@@ -80,7 +80,7 @@ def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
     apart += ["verdict not recomputed"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
-    clock_wrong = start_doubt(manifest.started, manifest.clock_steps)
+    clock_wrong = start_doubt(manifest.started, manifest.clock_steps or ())
     if clock_wrong:
         notes.append(clock_wrong)
         apart.append("wrong times")

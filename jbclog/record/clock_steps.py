@@ -64,15 +64,17 @@ class HostClock:
     """Converts between a run's clock and its host's, UTC in µs, by the steps of the host's.
 
     `from_us`: the run's times from which the offsets after the first apply, of `offsets_us`, host's
-    less run's. A first step that corrects a wrong start (`is_wrong_start`) counts from the start,
-    if that is given.
+    less run's. A step that corrects a wrong start (`correction_of`) counts from the start, if that
+    is given.
     """
 
     def __init__(self, steps: Sequence[ClockStep], started: str | None = None) -> None:
         self.from_us = [utc_micros(step.time) for step in steps]
-        after_us = [round(step.offset_s * 1e6) for step in steps]
-        is_correction = bool(steps) and is_wrong_start(steps[0], started)
-        self.offsets_us = [after_us[0] if is_correction else 0, *after_us]
+        self.offsets_us = [0, *(round(step.offset_s * 1e6) for step in steps)]
+        correction = correction_of(started, steps)
+        if correction is not None:
+            place = steps.index(correction) + 1
+            self.offsets_us[:place] = [self.offsets_us[place]] * place
 
     def corrected(self, run_us: int) -> int:
         """Return the host's time at a moment of the run."""
@@ -104,23 +106,31 @@ class HostClock:
         return run_us
 
 
-def is_wrong_start(first: ClockStep, started: str | None) -> bool:
-    """Return True if the host's clock was wrong at the start, by the first step of it."""
-    is_early = started is not None and datetime.fromisoformat(started) < EARLIEST_START
-    return abs(first.step_s) > LARGE_S or (is_early and first.step_s > 0)
+def correction_of(started: str | None, steps: Sequence[ClockStep]) -> ClockStep | None:
+    """Return the step that corrected a clock which was wrong at the start: from before 2020 to
+    later, or a first one of more than a day. None if there is none.
+    """
+    if started is None or not steps:
+        return None
+    began = datetime.fromisoformat(started)
+    if began >= EARLIEST_START:
+        return steps[0] if abs(steps[0].step_s) > LARGE_S else None
+    enough_s = (EARLIEST_START - began).total_seconds()
+    return next((step for step in steps if step.offset_s >= enough_s), None)
 
 
-def start_doubt(started: str | None, steps: Sequence[ClockStep] | None) -> str | None:
+def start_doubt(started: str | None, steps: Sequence[ClockStep]) -> str | None:
     """Return what is wrong with the times of a run whose host had a wrong clock at its start; None
     if nothing is known to be wrong.
     """
     if started is None:
         return None
     began = datetime.fromisoformat(started)
-    if steps and is_wrong_start(steps[0], started):
-        true = began + timedelta(seconds=steps[0].offset_s)
-        size = f"{count_text(round(abs(steps[0].step_s) / LARGE_S), 'day')}"
-        way = "ahead" if steps[0].step_s > 0 else "back"
+    correction = correction_of(started, steps)
+    if correction is not None:
+        true = began + timedelta(seconds=correction.offset_s)
+        size = count_text(round(abs(correction.offset_s) / LARGE_S), "day")
+        way = "ahead" if correction.offset_s > 0 else "back"
         return (
             f"The host's clock was wrong at the start and was set {size} {way} during the run. The"
             f" times of this run count from {_minute(began)}; by the corrected clock it began at"
@@ -128,8 +138,8 @@ def start_doubt(started: str | None, steps: Sequence[ClockStep] | None) -> str |
         )
     if began < EARLIEST_START:
         return (
-            f"The host's clock was wrong: the run began at {_minute(began)} by it, before 2020, and"
-            " it was not corrected during the run. When the run took place is not known."
+            f"The run began at {_minute(began)} by the host's clock, before 2020: that clock was"
+            " wrong. When the run took place is not known."
         )
     return None
 

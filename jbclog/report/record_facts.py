@@ -73,7 +73,7 @@ def _of_manifest(manifest: Manifest) -> dict[str, Any]:
         "started": manifest.started,
         "ended": manifest.ended,
         "duration_s": _duration_s(manifest),
-        "clock_wrong": start_doubt(manifest.started, manifest.clock_steps),
+        "clock_wrong": start_doubt(manifest.started, manifest.clock_steps or ()),
         "rate": _rate(manifest),
         "guard": manifest.guard,
         "line": {} if manifest.line is None else asdict(manifest.line),

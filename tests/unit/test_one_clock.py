@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from jbclog.app.audit.records import error_events
 from jbclog.maintenance.suspect_runs import where_used
 from jbclog.record.annotations import append
 from jbclog.record.check import check
+from jbclog.record.clock_steps import HostClock, start_doubt
 from jbclog.record.find_runs import Filter, find
-from jbclog.record.manifest import read_manifest
+from jbclog.record.manifest import ClockStep, read_manifest
 from jbclog.report.write import write_report
 from support.invoked import invoked
 from support.virtual.stepped_run import SECONDS, stepped_run
@@ -154,7 +156,30 @@ def test_a_start_in_1970_that_is_corrected_is_told_by_runs_check_and_report(
 
 def test_a_start_in_1970_that_nobody_corrects_is_told(tmp_path: Path) -> None:
     run = stepped_run(tmp_path, {}, UNITS, start_utc=12.0)
-    assert "before 2020, and it was not corrected" in invoked("check", str(run)).stdout
+    assert "before 2020: that clock was wrong" in invoked("check", str(run)).stdout
+
+
+def test_the_correction_of_a_start_in_1970_need_not_be_the_first_step() -> None:
+    started = "1970-01-01T00:00:10.000000Z"
+    small = ClockStep("1970-01-01T00:00:20.000000Z", 2.0, 2.0)
+    large = ClockStep("1970-01-01T00:00:30.000000Z", 1.79e9, 1.79e9 + 2.0)
+    back = ClockStep("1970-01-01T00:00:40.000000Z", -1.0, 1.79e9 + 1.0)
+    assert "is not known" in (start_doubt(started, [small]) or "")
+    steps = [small, large, back]
+    assert "it began at 2026-09-21 14:13 UTC" in (start_doubt(started, steps) or "")
+    host = HostClock(steps, started)
+    assert [host.corrected(second * 10**6) - second * 10**6 for second in (10, 25, 35, 45)] == [
+        1_790_000_002_000_000,
+        1_790_000_002_000_000,
+        1_790_000_002_000_000,
+        1_790_000_001_000_000,
+    ]
+    usual = "2026-09-21T14:13:20.000000Z"
+    day = ClockStep(usual, 86_400.0, 86_400.0)
+    assert start_doubt(usual, [day]) is None
+    more = replace(day, step_s=-86_401.0, offset_s=-86_401.0)
+    assert "was set 1 day back during the run" in (start_doubt(usual, [more]) or "")
+    assert start_doubt(usual, [small, more]) is None, "only a first step shows a wrong start"
 
 
 def test_a_usual_start_is_not_told(stepped: Started) -> None:

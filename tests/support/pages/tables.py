@@ -22,10 +22,11 @@ int64. **Null means not read.** Nothing is carried forward or replaced by zero.
 
 Times are by the run's own clock: the host's clock at the start, plus the time elapsed since (suspension included). A step of the
 host's clock moves none of them; it is the event `clock.step` and stands in the [manifest](manifest.md), `clock_steps`. From each step on,
-host's time = run's time + `offset_s`; `run.samples(clock="wall")` gives these times. A first step ahead from before 2020, or of more
-than a day, corrects a clock that was wrong from the start: there `clock="wall"` applies it to the whole run, and `runs`, `report` and
-`check` say so. Times that others of this host wrote are converted: those of the guard's events, and `acknowledged_at` of alarms. Lines of
-`annotations.jsonl` keep the host's time. Times of runs of earlier versions follow the steps of their hosts (`clock_steps` null).
+host's time = run's time + `offset_s`; `run.samples(clock="wall")` gives these times, `run.host_time` and `run.run_time` convert a moment.
+A step out of the time before 2020, or a first one of more than a day, corrects a clock that was wrong from the start: it applies to the
+whole run there, and `runs`, `report` and `check` say so. Times that others of this host wrote are converted: those of the guard's events,
+and `acknowledged_at` of alarms. Lines of `annotations.jsonl` keep the host's time. Times of runs of earlier versions follow the steps of
+their hosts (`clock_steps` null).
 """
 
 TEXTS: Mapping[str, str] = {
