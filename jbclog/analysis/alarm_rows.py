@@ -23,6 +23,8 @@ from jbclog.analysis.port_split import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.core.rows import EventRow, PortKey, severity_of
+from jbclog.record.clock_steps import KIND as STEP
+from jbclog.record.clock_steps import is_inside
 
 COLUMNS: Final = [
     "time",
@@ -34,7 +36,6 @@ COLUMNS: Final = [
     "set_c",
 ]
 FLAGS: Final = ["alarm_high", "alarm_low"]  # read if flags of any port are needed
-CLOCK_STEP: Final = "clock.step"
 
 
 @dataclass(slots=True)
@@ -53,7 +54,7 @@ def read_events(run: RunTables) -> RunEvents:
     """Return the alarm events, changes and clock steps of a run."""
     found, stepped_us = RunEvents(), 0
     for event in _event_rows(run.events()):
-        if event.kind == CLOCK_STEP and event.value:
+        if is_inside(event) and event.value:
             stepped_us += round(event.value * 1e6)
             found.steps.append(Step(event.time / 1e6, event.value))
         elif event.station is not None and event.port is not None:
@@ -71,7 +72,7 @@ def _event_rows(frame: pd.DataFrame) -> Iterator[EventRow]:
     """Yield the events that concern alarms, oldest first."""
     kinds = frame["kind"]
     rows = frame[
-        kinds.str.startswith("alarm.") | kinds.isin(["setting.changed", "tool.changed", CLOCK_STEP])
+        kinds.str.startswith("alarm.") | kinds.isin(["setting.changed", "tool.changed", STEP])
     ]
     times, earliest = _micros(rows["time"]), _micros(rows["earliest"])
     columns = (

@@ -29,8 +29,10 @@ from jbclog.analysis.alarms.match import Incident, Unknown, incidents
 from jbclog.analysis.alarms.state_machine import Detector, Episode
 from jbclog.analysis.port_split import gathered
 from jbclog.analysis.run_tables import RunTables
+from jbclog.core.clock import utc_micros
 from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.clock_steps import HostClock
 from jbclog.record.manifest import iso as manifest_iso
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
@@ -324,13 +326,17 @@ def _live_differences(
 
 
 def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
-    """Return the first acknowledgement of each episode, by name; empty for an open run."""
+    """Return the first acknowledgement of each episode, by name, with its time by the run's clock;
+    empty for an open run.
+    """
     if not run.manifest.is_sealed:
         return {}
     given: dict[str, Acknowledgement] = {}
+    host = HostClock(run.manifest.clock_steps or ())
     for one in read_annotations(run.folder).said:
         if one.kind == ACKNOWLEDGED:
-            given.setdefault(one.what, Acknowledgement(one.who, one.time, one.why))
+            time = manifest_iso(host.run_time(utc_micros(one.time)))
+            given.setdefault(one.what, Acknowledgement(one.who, time, one.why))
     return given
 
 

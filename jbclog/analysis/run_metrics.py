@@ -254,9 +254,12 @@ def port_reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
 
 
 def clock_steps(run: RunTables) -> list[Step]:
-    """Return the steps of the wall clock; unlike `steps_of`, also for a run that is not sealed."""
+    """Return the steps that the run's times follow; unlike `steps_of`, also for a run that is not
+    sealed.
+    """
     events = run.events()
-    steps = events[(events["kind"] == "clock.step") & events["value"].notna()]
+    is_step = (events["kind"] == "clock.step") & events["value"].notna() & events["raw"].isna()
+    steps = events[is_step]
     return [
         Step(time / 1e6, value)
         for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)

@@ -25,6 +25,8 @@ from jbclog.core.rows import SCHEMA_VERSION, StationFacts
 from jbclog.core.text import shortened, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
+from jbclog.record.clock_steps import COLUMNS as STEP_COLUMNS
+from jbclog.record.clock_steps import HostClock, steps_in
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, SealedFile, read_manifest
@@ -56,6 +58,7 @@ HELD_ROWS: Final = 500_000  # rows of a live store in memory at once
 # bytes of events, settings or counters: half a million events, more than a million counters
 MOST_WHOLE: Final = {"events": 128 << 20, "settings": 32 << 20, "counters": 128 << 20}
 MOST_SAID: Final = 2000  # characters of a warning
+CLOCKS: Final = ("run", "wall")
 LEFT_OUT: Final = (
     "These rows are left out; `jbclog recover` finishes the run and keeps its live store in"
     " damaged/."
@@ -141,6 +144,12 @@ def utc(moment: Moment | None) -> pd.Timestamp | None:
         return None
     stamp = pd.Timestamp(moment)
     return stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
+
+
+def _micros_of(moment: Moment) -> int:
+    stamp = utc(moment)
+    assert stamp is not None
+    return int(stamp.as_unit("ns").value // 1000)
 
 
 def frame(table: pa.Table) -> pd.DataFrame:
@@ -236,7 +245,7 @@ class RunTables:
 
     @property
     def duration(self) -> pd.Timedelta | None:
-        """Time from start to end by the host's clock; None without an end. Raises `RecordError`."""
+        """Time from start to end; None without an end. Raises `RecordError`."""
         manifest = self.manifest
         if manifest.started is None or manifest.ended is None:
             return None
@@ -286,14 +295,55 @@ class RunTables:
         start: Moment | None = None,
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
+        *,
+        clock: str = "run",
     ) -> pd.DataFrame:
         """Return a row for each tick, station and port, in recording order.
 
         `start` is included, `stop` is not. A value that was not read is missing, and `reasons` has
-        the cause. Raises `UsageError` for an unknown station, port or column, `RecordError` for a
-        record that cannot be read.
+        the cause. Times are by the run's clock, which never jumps; with ``clock="wall"``, `start`
+        and `stop` too are by the host's, with its steps (docs/reference/tables.md). Raises
+        `UsageError` for an unknown station, port, column or clock, `RecordError` for a record that
+        cannot be read.
         """
-        return self._frame(self._select("samples", station, port, start, stop, columns))
+        if clock not in CLOCKS:
+            raise UsageError(f"clock {clock!r}: must be {' or '.join(CLOCKS)}")
+        selection = self._select("samples", station, port, start, stop, columns)
+        return self._frame(selection) if clock == "run" else self._by_host(selection)
+
+    def host_time(self, moment: Moment) -> pd.Timestamp:
+        """Return the host's time at a moment of the run. Raises `RecordError`."""
+        micros = self._host_clock().corrected(_micros_of(moment))
+        return pd.Timestamp(micros, unit="us", tz=UTC)
+
+    def run_time(self, moment: Moment) -> pd.Timestamp:
+        """Return the run's time at a moment of its host's clock. Raises `RecordError`."""
+        micros = self._host_clock().run_time(_micros_of(moment))
+        return pd.Timestamp(micros, unit="us", tz=UTC)
+
+    def _host_clock(self) -> HostClock:
+        return HostClock(steps_in(self.groups("events", STEP_COLUMNS)), self.manifest.started)
+
+    def _by_host(self, wanted: Selection) -> pd.DataFrame:
+        host = self._host_clock()
+        most = pd.Timedelta(max(host.offsets_us), "us")
+        least = pd.Timedelta(min(host.offsets_us), "us")
+        start, stop = wanted.start, wanted.stop
+        around = replace(
+            wanted,
+            columns=list(dict.fromkeys([*wanted.columns, "time"])),
+            start=None if start is None else start - most,
+            stop=None if stop is None else stop - least,
+        )
+        rows = self._frame(around)
+        segments = np.searchsorted(host.from_us, rows["time"].astype("int64"), side="right")
+        offsets = pd.to_timedelta(np.array(host.offsets_us)[segments], "us").as_unit("us")
+        rows["time"] = rows["time"] + offsets
+        if start is not None:
+            rows = rows[rows["time"] >= start]
+        if stop is not None:
+            rows = rows[rows["time"] < stop]
+        return rows.reset_index(drop=True)[list(wanted.columns)]
 
     def stream(
         self,

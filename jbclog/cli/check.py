@@ -59,6 +59,7 @@ def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
     from jbclog.record.chains import SHOWN, digits, short_head
     from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
+    from jbclog.record.clock_steps import start_doubt
     from jbclog.record.cross_check import uncovered
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
     from jbclog.record.published import shown_path
@@ -73,11 +74,16 @@ def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
             *(Finding("joints", text) for text in beyond_bounds(open_run(folder))),
         ]
         notes = verdict.notes
-    if read_manifest(folder).is_sealed:
+    manifest = read_manifest(folder)
+    if manifest.is_sealed:
         bare += uncovered(folder, head)
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
     apart += ["verdict not recomputed"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
+    clock_wrong = start_doubt(manifest.started, manifest.clock_steps or ())
+    if clock_wrong:
+        notes.append(clock_wrong)
+        apart.append("wrong times")
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")
     own, place = manifest_sha256(folder), shown_path(run)

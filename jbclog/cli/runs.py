@@ -148,6 +148,8 @@ def _print(
             continue
         if one.changed:
             note(f"{one.folder}: its manifest {one.changed}")
+        if one.clock_wrong:
+            note(f"{one.folder}: {one.clock_wrong}")
         found.append(one)
         if as_json:
             echo_json(facts(one))
@@ -164,9 +166,10 @@ def facts(run: Found) -> dict[str, object]:
     known = {
         one.name: getattr(run, one.name)
         for one in fields(run)
-        if one.name not in ("folder", "run", "manifest_sha256")
+        if one.name not in ("folder", "run", "manifest_sha256", "clock_steps")
     }
-    return {"run": str(run.folder), **known, "shown_state": run.shown_state}
+    more = {"shown_state": run.shown_state, "clock_wrong": run.clock_wrong}
+    return {"run": str(run.folder), **known, **more}
 
 
 def cells(run: Found, unit: str | None = None, *, is_local: bool = False) -> tuple[str, ...]:

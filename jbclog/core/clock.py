@@ -1,7 +1,7 @@
 """A monotonic clock for all timing, and UTC for display and records.
 
-Durations, due times and time-outs use `monotonic()`, in seconds. UTC is an offset from it, so a
-stepped wall clock neither moves a sample nor makes a duration negative. On Linux the monotonic
+Durations, due times and time-outs use `monotonic()`, in seconds. UTC is a fixed offset from it, so
+a stepped wall clock neither moves a sample nor makes a duration negative. On Linux the monotonic
 clock includes suspension, because tips stay hot meanwhile.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Final, Protocol
 
@@ -20,6 +20,12 @@ def utc_of(micros: int) -> datetime:
     """Convert microseconds since 1970 to UTC without rounding."""
     seconds, rest = divmod(micros, 1_000_000)
     return datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest)
+
+
+def utc_micros(text: str) -> int:
+    """Return microseconds since 1970 of a time as in the record."""
+    since = datetime.fromisoformat(text) - datetime(1970, 1, 1, tzinfo=UTC)
+    return since // timedelta(microseconds=1)
 
 
 def utc_text(moment: datetime) -> str:
@@ -81,24 +87,32 @@ class VirtualClock:
 
 
 class UtcOffset:
-    """Convert monotonic seconds to UTC microseconds. Only `check` updates the offset.
+    """The run's own clock: UTC by the host's clock at the start, plus the time elapsed since.
 
-    Between checks all rows share one offset, so UTC preserves their order.
+    It never jumps. `check` only looks for steps of the host's clock, which is then `host_micros`.
     """
 
-    # a larger change is a step (docs/reference/faults.md, F-20); a smaller one is drift
+    # a larger change is a step (docs/reference/faults.md, F-20); smaller ones add up
     STEP_S = 0.5
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self.offset = clock.utc() - clock.monotonic()
+        self._host_offset = self.offset
 
     def micros(self, moment: float) -> int:
-        """Convert a monotonic `moment` to UTC microseconds since 1970."""
+        """Convert a monotonic `moment` to the run's time, UTC microseconds since 1970."""
         return round((moment + self.offset) * 1e6)
 
+    def host_micros(self, moment: float) -> int:
+        """Convert a monotonic `moment` to the host's clock as it was at the last step."""
+        return round((moment + self._host_offset) * 1e6)
+
     def check(self) -> float:
-        """Update the offset; return the size of a step in seconds, 0.0 for none."""
+        """Return the size of a new step of the host's clock in seconds; 0.0 for none."""
         now = self._clock.utc() - self._clock.monotonic()
-        change, self.offset = now - self.offset, now
-        return change if abs(change) > self.STEP_S else 0.0
+        step = round(now - self._host_offset, 6)
+        if abs(step) <= self.STEP_S:
+            return 0.0
+        self._host_offset += step
+        return step

@@ -21,6 +21,7 @@ ALARMS_END: Final = {"alarm.high.ended": "alarm.high", "alarm.low.ended": "alarm
 EPISODE_BEGINS, EPISODE_ENDS = "alarm.episode.raised", "alarm.episode.cleared"
 FLAGS_LOST: Final = "alarm.unknown"
 LINK_LOST: Final = "link.lost"
+CLOCK_STEP: Final = "clock.step"  # without `raw` (earlier versions) times follow it
 
 PROBLEMS_BEGIN: Final = (
     *(LINK_LOST, "robot.off", "station.error", "port.error", "tool.unknown"),
@@ -65,6 +66,7 @@ class EventHistory:
         self.newest: collections.deque[NumberedEvent] = collections.deque(maxlen=MOST_EVENTS)
         self.unit: str | None = None
         self.has_units = False  # whether serials are read during the run
+        self.host_offset_us = 0.0  # the recorder's wall clock less the run's time
         self._alarms: dict[Place, dict[str, str]] = {}
         self._counts: collections.Counter[Place] = collections.Counter()
         self._problems: dict[Place, dict[str, str]] = {}
@@ -106,6 +108,8 @@ class EventHistory:
             alarms[event.raw or kind] = event.text
         elif kind == EPISODE_ENDS:
             alarms.pop(event.raw or EPISODE_BEGINS, None)
+        elif kind == CLOCK_STEP and event.raw is not None:
+            self.host_offset_us += (event.value or 0.0) * 1e6
         elif kind == FLAGS_LOST:
             self._flags_lost[place] = event.time
         elif kind in PROBLEMS_BEGIN:

@@ -9,18 +9,17 @@ last row.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from jbclog.analysis.joints.evidence import (
-    EVENTS,
     NOTHING_RECORDED,
     PortFound,
-    clock_steps,
     ports_found,
 )
 from jbclog.analysis.joints.growing import GrowingPort
@@ -28,7 +27,6 @@ from jbclog.analysis.joints.parameters import options_of
 from jbclog.analysis.joints.port_reader import raw_series
 from jbclog.analysis.joints.port_rows import COLUMNS, Clock
 from jbclog.analysis.port_split import by_port
-from jbclog.analysis.verdict.clock_steps import steps_in
 from jbclog.analysis.verdict.evidence import not_read
 from jbclog.analysis.verdict.rules import has_tip
 from jbclog.core.errors import RecordError
@@ -38,6 +36,8 @@ from jbclog.live.joint_numbers import Counted, PortCount
 from jbclog.live.run_follower import stations_of
 from jbclog.live.states import OF_TIPS_ONLY
 from jbclog.live.store_follower import Sealed, StoreFollower
+from jbclog.record.clock_steps import COLUMNS as COLUMNS_OF_STEPS
+from jbclog.record.clock_steps import KIND as STEP
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import groups_of, part_paths, parts_through
@@ -121,7 +121,7 @@ class GrowingJoints:
                     self._ports[facts.name, port] = GrowingPort(options, found.identified)
         for group in rows.groups("samples", COLUMNS):
             self._take(group)
-        self._stepped_s = sum(step.size_s for step in clock_steps(rows.groups))
+        self._stepped_s = _stepped_s(rows.groups("events", COLUMNS_OF_STEPS))
         self._store = StoreFollower(self._folder)
         self._store.last = through
 
@@ -133,7 +133,7 @@ class GrowingJoints:
                 self._ports[key].take(raw_series(facts[key[0]], some, clock))
 
     def _step(self, events: pa.Table) -> None:
-        self._stepped_s += sum(step.size_s for step in steps_in(events.select(EVENTS)))
+        self._stepped_s += _stepped_s([events])
 
 
 def _joined(
@@ -176,7 +176,7 @@ def _found(folder: Path, through: int | None, *, is_last: bool = False) -> _Foun
         stations, t0_utc = stations_of(folder, manifest), manifest.t0_utc
         try:
             found = ports_found(folder, rows.groups, stations, t0_utc)
-            stepped_s = sum(step.size_s for step in clock_steps(rows.groups))
+            stepped_s = _stepped_s(rows.groups("events", COLUMNS_OF_STEPS))
         except Sealed:
             continue
         newest_s = max((one.last_s for one in found.values() if one.rows), default=None)
@@ -189,6 +189,12 @@ def _found(folder: Path, through: int | None, *, is_last: bool = False) -> _Foun
         counted = Counted(age_s, ports, is_final, time.monotonic() - began)
         return _Found(counted, stations, found, t0_utc)
     raise RecordError(f"{folder} {AGAIN_AND_AGAIN}")
+
+
+def _stepped_s(events: Iterable[pa.Table]) -> float:
+    """Return by how much the wall clock was stepped in all."""
+    steps = (group.filter(pc.equal(group["kind"], STEP)) for group in events)
+    return sum((pc.sum(some["value"]).as_py() or 0.0 for some in steps), start=0.0)
 
 
 def _age_s(newest_s: float | None, t0_utc: float | None, stepped_s: float) -> float:

@@ -186,16 +186,18 @@ class RunView:
             for (name, _), port in self.samples.ports.items()
             if name == facts.name and port.newest
         ]
-        return _Ages(self.heartbeat.recorder_us(), max(newest, default=None), facts.period_s)
+        recorder_us = self.heartbeat.recorder_us()
+        now_us = None if recorder_us is None else recorder_us - self.events.host_offset_us
+        return _Ages(now_us, max(newest, default=None), facts.period_s)
 
 
 @dataclass(frozen=True, slots=True)
 class _Ages:
-    """Ages of a station's readings: of the newest row by the recorder's clock, of older ones by
-    tick.
+    """Ages of a station's readings: of the newest row by the run's clock (`now_us`), of older ones
+    by tick.
     """
 
-    recorder_us: float | None
+    now_us: float | None
     newest: Moment | None
     period_s: float | None
 
@@ -205,9 +207,9 @@ class _Ages:
 
     def age_s(self, moment: Moment) -> float | None:
         """Return the age in s; None if the clock was set back."""
-        if self.recorder_us is None or self.newest is None:
+        if self.now_us is None or self.newest is None:
             return None
-        newest_s = (self.recorder_us - self.newest.time) / 1e6
+        newest_s = (self.now_us - self.newest.time) / 1e6
         if newest_s < -CLOCK_S:
             return None
         before = (

@@ -150,8 +150,8 @@ def _moment(one: Verification | None) -> datetime | None:
 
 def _was_on(run: Found, window: Suspect) -> bool:
     """Whether the run and the window overlap; a run without an end is taken to continue."""
-    began = None if run.started is None else datetime.fromisoformat(run.started)
-    ended = None if run.ended is None else datetime.fromisoformat(run.ended)
+    began = None if run.host_started is None else datetime.fromisoformat(run.host_started)
+    ended = None if run.host_ended is None else datetime.fromisoformat(run.host_ended)
     is_before = window.since is not None and ended is not None and ended < window.since
     is_after = window.until is not None and began is not None and began > window.until
     return not (is_before or is_after)

@@ -8,6 +8,7 @@ import os
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -20,6 +21,8 @@ from jbclog.core.files import DEEPEST, is_plain_folder
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
 from jbclog.core.text import count_text, shortened
 from jbclog.record import capture, chains, sealed_files
+from jbclog.record.clock_steps import KIND as STEP
+from jbclog.record.clock_steps import steps_of
 from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
 from jbclog.record.cross_check import cross_check
 from jbclog.record.guard_actions import event_dicts
@@ -33,6 +36,7 @@ from jbclog.record.manifest import (
     read_manifest,
     wrong_digest,
 )
+from jbclog.record.manifest_counts import MOST
 from jbclog.record.part_file import CHANGED
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.units import units_of
@@ -86,7 +90,8 @@ def check(folder: Path, head: str | None = None, *, with_report: bool = True) ->
             _ledger(folder, manifest),
             _units(folder, manifest),
             _events(folder, manifest),
-            _samples(folder),
+            _clock(folder, manifest),
+            _samples(folder, follows_host=manifest.clock_steps is None),
         ):
             findings += _first(kind)
         return findings
@@ -230,22 +235,37 @@ def _units(folder: Path, manifest: Manifest) -> Iterator[Finding]:
         yield Finding(NAME, "units: differ from those in the events")
 
 
+def _clock(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    """Check the steps of the host's clock, and that the run ends after its start."""
+    if manifest.clock_steps is None:
+        return
+    if manifest.clock_steps != steps_of(folder)[: MOST["clock steps"]]:
+        yield Finding(NAME, "clock_steps: differ from those in the events")
+    started, ended = manifest.started, manifest.ended
+    if started and ended and datetime.fromisoformat(ended) < datetime.fromisoformat(started):
+        yield Finding(NAME, f"ended: {ended} is before the start, {started}")
+
+
 def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     rows = (row for group in row_groups(folder, "events") for row in event_dicts(group))
     for seq, text in chains.breaks(manifest.run, rows):
         yield Finding("events/", f"event {seq} {text}")
 
 
-def _samples(folder: Path) -> Iterator[Finding]:
+def _samples(folder: Path, *, follows_host: bool) -> Iterator[Finding]:
+    """Check the rows. `follows_host`: their times follow the host's clock (earlier versions)."""
     stepped = any(
-        pc.any(pc.equal(group["kind"], "clock.step")).as_py()
+        pc.any(pc.equal(group["kind"], STEP)).as_py()
         for group in row_groups(folder, "events", ["kind"])
     )
     ends: dict[tuple[str, int], _Last] = {}
     for group in row_groups(folder, "samples"):
         yield from _qualities(group)
         yield from _values_with_reasons(group)
-        yield from _order(group, ends, stepped)
+        if follows_host:
+            yield from _order(group, ends, stepped=stepped, only_answered=True)
+        else:
+            yield from _order(group, ends, stepped=False, only_answered=False)
 
 
 def _qualities(rows: pa.Table) -> Iterator[Finding]:
@@ -284,18 +304,19 @@ def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
 
 @dataclass(slots=True)
 class _Last:
-    """Last tick of a port, and the time of its last answer."""
+    """Last tick of a port, and the time of its last row, or of its last answer."""
 
     tick: int = -1
     time: int = 0
 
 
-def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) -> Iterator[Finding]:
-    """Check that ticks increase within a port, and so do the times of answers unless the clock was
-    stepped.
+def _order(
+    rows: pa.Table, ends: dict[tuple[str, int], _Last], *, stepped: bool, only_answered: bool
+) -> Iterator[Finding]:
+    """Check that ticks increase within a port, and that no time falls unless it was `stepped`.
 
-    A row without a temperature has its due time, which can precede a late answer to the previous
-    tick.
+    In earlier versions a row without a temperature has its due time, which can precede a late
+    answer to the previous tick: `only_answered`.
     """
     known = rows.select(["station", "port", "tick", "time", "temperature_c"])
     places = [("station", "ascending"), ("port", "ascending")]
@@ -306,19 +327,19 @@ def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) ->
         station, port, count = pair["station"], pair["port"], pair["count_all"]
         last = ends.setdefault((station, port), _Last())
         mine, begin = ordered.slice(begin, count), begin + count
-        answered = mine.filter(pc.is_valid(mine["temperature_c"]))
+        timed = mine.filter(pc.is_valid(mine["temperature_c"])) if only_answered else mine
         wrong, last.tick = _falls(mine["tick"], last.tick, strictly=True)
         if wrong:
             yield Finding(
                 "samples/",
                 f"{station} port {port}: ticks do not rise in {count_text(wrong, 'place')}",
             )
-        back, last.time = _falls(answered["time"].cast(pa.int64()), last.time, strictly=False)
+        back, last.time = _falls(timed["time"].cast(pa.int64()), last.time, strictly=False)
         if back and not stepped:
             yield Finding(
                 "samples/",
-                f"{station} port {port}: time goes back in {count_text(back, 'place')} without a"
-                " step of the clock",
+                f"{station} port {port}: time goes back in {count_text(back, 'place')}"
+                + (" without a step of the clock" if only_answered else ""),
             )
 
 

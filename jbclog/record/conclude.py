@@ -26,7 +26,7 @@ from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text
-from jbclog.record import capture, guard_actions
+from jbclog.record import capture, clock_steps, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.ledger import ledger_of
@@ -43,6 +43,7 @@ from jbclog.record.manifest import (
     merged_facts,
     write_manifest,
 )
+from jbclog.record.manifest_counts import MOST
 from jbclog.record.part_file import open_part
 from jbclog.record.parts import (
     DAMAGE_NOTES,
@@ -333,6 +334,8 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         _keep_damaged(folder)
         guard_actions.tidy(folder)
         sealed.files = list(files_of(folder))
+        if sealed.clock_steps is not None:
+            sealed.clock_steps = clock_steps.steps_of(folder)[: MOST["clock steps"]]
         sealed.units = fitting_units(sealed, units_of(folder))
         expect_readable(sealed)
     except (OSError, pa.ArrowException) as error:
@@ -381,7 +384,11 @@ def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
         if name is not None and port is not None and (why or (name, port) in open_ports)
     }
     last = _last_read(folder, {*places}) if places else {}
-    return {place: max(written, last[place].time if place in last else 0) for place in places}
+    host = clock_steps.HostClock(clock_steps.steps_of(folder)) if last else None
+    return {
+        place: max(written, host.corrected(last[place].time) if host and place in last else 0)
+        for place in places
+    }
 
 
 def unkept_rows(store: StoreReader) -> int:

@@ -29,9 +29,11 @@ from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
+from jbclog.record.clock_steps import EARLIEST_START, HostClock, start_doubt
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import (
     NAME,
+    ClockStep,
     LineFile,
     Lost,
     Metadata,
@@ -56,6 +58,7 @@ ENDINGS: Final = {
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # the beginning of a folder's name
 STARTED_LENGTH: Final = 16
 OVER: Final = b'\n "state": "sealed"'
+STEPPED: Final = b'"step_s": '  # of a step of the host's clock
 # at the top level: deeper keys are indented more
 ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')
 
@@ -85,6 +88,7 @@ class _Summary:
     units: list[Unit] = field(default_factory=list)
     stations: list[_Station] = field(default_factory=list)
     lost: Lost | None = None
+    clock_steps: list[ClockStep] | None = None
 
 
 _read_summary: Final = decoder(_Summary)
@@ -98,6 +102,7 @@ class Found:
     `units` are all serials: named at the start, read during the run, added later. `recipes` are
     ``NAME@REVISION``. `changed` says what is wrong with the manifest: a person or a disk changed
     it. `periods_s` are seconds between the ticks of each sampled station; None without pause.
+    `started` and `ended` are by the run's clock, whose host's was stepped by `clock_steps`.
     """
 
     folder: Path
@@ -123,6 +128,22 @@ class Found:
     changed: str | None
     periods_s: Mapping[str, float | None] = field(default_factory=dict)
     manifest_sha256: str = ""
+    clock_steps: tuple[ClockStep, ...] = ()
+
+    @property
+    def host_started(self) -> str | None:
+        """Start by the host's clock, corrected if that was wrong then."""
+        return HostClock(self.clock_steps, self.started).corrected_text(self.started)
+
+    @property
+    def host_ended(self) -> str | None:
+        """End by the host's clock."""
+        return HostClock(self.clock_steps, self.started).corrected_text(self.ended)
+
+    @property
+    def clock_wrong(self) -> str | None:
+        """What is wrong with its times, if its host had a wrong clock at the start."""
+        return start_doubt(self.started, self.clock_steps)
 
     @property
     def shown_state(self) -> str:
@@ -202,11 +223,15 @@ class Filter:
         ]
         if any(text is not None and not _fits(text, those) for text, those in sought):
             return False
-        return self._is_within(run.started) and not self._has_ended(run.ended)
+        return self._is_within(run.host_started) and not self._has_ended(run.host_ended)
 
     def may_have(self, folder: Path) -> bool:
-        """Return True if the start in the folder's name lies within the limits."""
+        """Return True if the start in the folder's name lies within the limits, or was given by a
+        clock that was wrong.
+        """
         began = folder.name[:STARTED_LENGTH]
+        if began < EARLIEST_START.strftime(STARTED):
+            return True
         is_early = self.since is not None and began < self.since.strftime(STARTED)
         is_late = self.until is not None and began > self.until.strftime(STARTED)
         return not (is_early or is_late) or not RUN_NAME.fullmatch(folder.name)
@@ -228,7 +253,7 @@ class Filter:
 
     def had_ended(self, data: bytes) -> bool:
         """Return True if a manifest's bytes show an end before `ended_since`."""
-        if self.ended_since is None or OVER not in data:
+        if self.ended_since is None or OVER not in data or STEPPED in data:
             return False
         found = ENDED.search(data)
         return found is not None and self._has_ended(found[1].decode())
@@ -357,7 +382,8 @@ def summary_in(
         summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
-        for time in (summary.started, summary.ended):
+        steps = [step.time for step in summary.clock_steps or ()]
+        for time in (summary.started, summary.ended, *steps):
             expect_time(time)
         for station in summary.stations:
             expect_period(station.period_s)
@@ -399,6 +425,7 @@ def _found(
         exit_code=summary.exit_code,
         lost=None if summary.lost is None else summary.lost.text,
         changed=changed,
+        clock_steps=tuple(summary.clock_steps or ()),
         periods_s={
             station.name: station.period_s
             for station in summary.stations

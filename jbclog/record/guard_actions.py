@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +22,8 @@ from jbclog.core.states import SafetyResult
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from jbclog.record.manifest import ClockStep
 
 # what reads and writes sealed rows is loaded where that is done: a recorder does neither
 
@@ -81,7 +83,7 @@ def tidy(folder: Path) -> None:
 
 
 def action_log(folder: Path) -> list[EventRow]:
-    """Return the readable lines of the guard's action log as events."""
+    """Return the readable lines of the guard's action log as events, by the host's clock."""
     try:
         lines = (
             read_regular(folder / ACTION_LOG, Kind.ACTION_LOG)
@@ -92,6 +94,17 @@ def action_log(folder: Path) -> list[EventRow]:
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]
+
+
+def on_run_clock(
+    events: Iterable[EventRow], steps: Sequence[ClockStep] | None
+) -> Iterator[EventRow]:
+    """Yield the guard's events with times by the run's clock, which its host's `steps` give."""
+    from jbclog.record.clock_steps import HostClock
+
+    host = HostClock(steps or ())
+    for event in events:
+        yield event._replace(time=host.run_time(event.time))
 
 
 @dataclass(slots=True)

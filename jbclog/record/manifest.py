@@ -135,6 +135,17 @@ class Unit:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockStep:
+    """A step of the host's clock: when it was seen (by the run's clock, as in the manifest), its
+    size, and from then on the host's time less the run's.
+    """
+
+    time: str
+    step_s: float
+    offset_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Lost:
     """What a crash, a disk or damage took: at most so many seconds of each station (None: unknown),
     and a sentence.
@@ -187,7 +198,8 @@ class Manifest:
     units named at its start are in `metadata`. `verifications`: the tip verifications in force at
     the start. `goals`: the numbers after which it was to end, and their results. `rules`: number
     of the rules and methods of its verdict (`analysis/rules_number.py`); runs of 0.1.0 lack it, and
-    have 1.
+    have 1. `clock_steps`: steps of the host's clock, which no time of the run follows; None in runs
+    of 0.1.0, whose times follow it.
 
     The file has a last key `digest`: the SHA-256 of the file without it.
     """
@@ -219,6 +231,7 @@ class Manifest:
     previous: Previous | None = None
     verifications: list[TipCheck] = field(default_factory=list)
     goals: list[Goal] = field(default_factory=list)
+    clock_steps: list[ClockStep] | None = None
 
     @property
     def is_sealed(self) -> bool:
@@ -244,6 +257,7 @@ class Manifest:
             "verdict rules": len(self.verdict_rules),
             "verifications": len(self.verifications),
             "goals": len(self.goals),
+            "clock steps": len(self.clock_steps or ()),
             "host entries": len(self.host),
             "tags": len(stated.tags),
             "wire lots": len(stated.wire_lots),
@@ -299,7 +313,8 @@ def read_manifest(folder: Path) -> Manifest:
         _build_rules(manifest.verdict_rules)
         expect_counts(manifest.counts(), manifest.stations)
         _expect_signals(manifest.stations)
-        for time in (manifest.started, manifest.ended):
+        steps = [step.time for step in manifest.clock_steps or ()]
+        for time in (manifest.started, manifest.ended, *steps):
             expect_time(time)
         expect_moment(manifest.t0_utc)
         for station in manifest.stations:

@@ -16,6 +16,7 @@ MOST: Final = {
     "verdict rules": 100_000,
     "verifications": 8192,  # 16 ports a station
     "goals": 100,
+    "clock steps": 1000,
     "host entries": 1000,
     "tags": 1000,
     "wire lots": 1000,

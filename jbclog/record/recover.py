@@ -22,7 +22,7 @@ from jbclog.core.errors import Problems, RecordError, Unsafe
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
 from jbclog.core.text import count_text
-from jbclog.record import capture, guard_actions, parts, sealed_files
+from jbclog.record import capture, clock_steps, guard_actions, parts, sealed_files
 from jbclog.record.capture_file import NOT_OURS
 from jbclog.record.conclude import (
     NOT_KEPT,
@@ -213,7 +213,10 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     set_parts_aside(folder, manifest)
     manifest = replace(manifest, state=RunState.OPEN, files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
-    guard_actions.take_in(folder, manifest.run, guard_actions.action_log(folder))
+    by_guard = guard_actions.on_run_clock(
+        guard_actions.action_log(folder), clock_steps.steps_of(folder)
+    )
+    guard_actions.take_in(folder, manifest.run, [*by_guard])
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
     with StoreReader(folder) as store:
         _note_missing_end(folder, store.last)

@@ -222,6 +222,7 @@ class Facts:
     started: str | None
     ended: str | None
     duration_s: float | None
+    clock_wrong: str | None
     rate: str
     guard: str
     line: dict[str, object]

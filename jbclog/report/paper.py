@@ -116,6 +116,7 @@ def _content(facts: Facts) -> dict[str, object]:
     incomplete = (
         None if facts.lost is None or facts.exit_status == "lost" else f"Incomplete: {facts.lost}"
     )
+    notes = (incomplete, facts.clock_wrong, facts.verdict.by_rules)
     return {
         "title": f"{facts.verdict.word} · {facts.run}",
         "dated": [dated.year, dated.month, dated.day, dated.hour, dated.minute, dated.second],
@@ -124,7 +125,7 @@ def _content(facts: Facts) -> dict[str, object]:
         "word": facts.verdict.word,
         "sign": SIGNS.get(facts.verdict.word, ("", ""))[1],
         "reasons": [*reasons, *([["…", f"and {left} more, below"]] if left > 0 else [])],
-        "notes": [text for text in (incomplete, facts.verdict.by_rules) if text is not None],
+        "notes": [text for text in notes if text is not None],
         "head": _head(facts),
         "claims": "; ".join(facts.not_claimed_short),
         "to_sign": facts.to_sign,

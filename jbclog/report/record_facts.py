@@ -20,6 +20,7 @@ from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.core.states import StationOutcome
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
+from jbclog.record.clock_steps import start_doubt
 from jbclog.record.manifest import Ledger, Manifest, manifest_sha256
 from jbclog.report.facts import NOT_CLAIMED, NOT_CLAIMED_SHORT, SCHEMA, TO_SIGN
 from jbclog.report.safety import end_state, verification_facts
@@ -72,6 +73,7 @@ def _of_manifest(manifest: Manifest) -> dict[str, Any]:
         "started": manifest.started,
         "ended": manifest.ended,
         "duration_s": _duration_s(manifest),
+        "clock_wrong": start_doubt(manifest.started, manifest.clock_steps or ()),
         "rate": _rate(manifest),
         "guard": manifest.guard,
         "line": {} if manifest.line is None else asdict(manifest.line),

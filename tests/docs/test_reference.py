@@ -90,7 +90,7 @@ def test_each_row_of_the_catalogue_stands_once() -> None:
     names = [name for name, _ in ROWS]
     assert sorted(names) == sorted(
         [
-            *(f"F-{n}" for n in range(1, 55)),
+            *(f"F-{n}" for n in range(1, 56)),
             *(f"I{n}" for n in range(1, 10)),
             *(f"S-{n}" for n in range(1, 6)),
         ]

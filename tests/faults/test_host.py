@@ -272,6 +272,12 @@ def test_a_stepped_clock_is_two_events_and_moves_no_tick(clocks: Clocks) -> None
     assert set(samples.groupby("port")["tick"].diff().dropna()) == {1}
     assert samples["late_us"].min() >= 0
     assert samples["scan_us"].min() >= 0
+    assert all(times.is_monotonic_increasing for _, times in samples.groupby("port")["time"])
+    offsets = [round(step.offset_s) for step in clocks.stepped.manifest.clock_steps or []]
+    assert offsets == [HOUR, -HOUR]
+    duration = open_run(clocks.stepped.folder).duration
+    assert duration is not None
+    assert 0 < duration.total_seconds() < SOON_S * 2
     assert clocks.stepped.wrong() == []
 
 

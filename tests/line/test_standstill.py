@@ -13,6 +13,7 @@ from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
 from jbclog.core.rows import COLUMN
 from jbclog.session.run.lateness import SkippedTicks, Standstill
 from support.oracles.account import assert_account_holds
+from support.virtual.lines import fault
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 SLOW = (
@@ -43,6 +44,16 @@ def test_a_station_that_takes_its_time_is_no_host_that_stood_still() -> None:
     assert run.memory.of_kind("host.suspended") == []
     assert skipped(run) > 0
     assert_account_holds(run)
+
+
+def test_no_time_of_a_port_steps_back_when_ticks_are_skipped_after_a_late_answer() -> None:
+    silence = fault("silence", at_s=5, for_s=4, every=2)
+    run = prepare(line_text(silence, "ports = [1, 2]"), duration_s=20, rate=10).go()
+    assert skipped(run) > 0
+    for port in (1, 2):
+        times = run.memory.column("time", port)
+        assert run.memory.column("tick", port) == sorted(run.memory.column("tick", port))
+        assert times == sorted(times)
 
 
 def test_a_host_that_stood_still_in_the_middle_of_a_question_is() -> None:

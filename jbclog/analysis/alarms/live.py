@@ -63,8 +63,11 @@ class LiveAlarms:
             self._change((row.station, row.port), Change(BEFORE_ALL, row.setting, row.readback))
 
     def event(self, event: EventRow) -> None:
-        """Add a change of a setting or tool, or a step of the wall clock; ignore other events."""
-        if event.kind == "clock.step" and event.value:
+        """Add a change of a setting or tool; ignore other events.
+
+        A step of the wall clock counts if the times of the record follow it.
+        """
+        if event.kind == "clock.step" and event.value and event.raw is None:
             self._step(round(event.value * 1e6))
         elif event.station is not None and event.port is not None:
             change = change_of(event.kind, event.time - self._stepped_us, event.raw)

@@ -38,8 +38,8 @@ class Happening:
 
 
 def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
-    """Return all events on the time axis, corrected for steps of the wall clock."""
-    is_step = events["kind"].eq("clock.step").fillna(False)
+    """Return all events on the time axis, corrected for steps that their times follow."""
+    is_step = events["kind"].eq("clock.step").fillna(False) & events["raw"].isna()
     stepped = events["value"].where(is_step).fillna(0.0).cumsum().to_numpy(np.float64)
     ends = _seconds_of(events["time"], t0_utc_us) - stepped
     starts = np.fmin(ends, _seconds_of(events["earliest"], t0_utc_us) - stepped)

@@ -40,6 +40,7 @@ from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.rows import PortKey, StationFacts
+from jbclog.record.clock_steps import COLUMNS as COLUMNS_OF_STEPS
 from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
@@ -47,7 +48,6 @@ from jbclog.record.schema import SCHEMAS
 EDGE_S: Final = 1.0
 NOTHING_RECORDED: Final = "Nothing was recorded at all."
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
-EVENTS: Final = ["time", "kind", "value"]
 Evidence = dict[PortKey, PortJoints]
 Read = Callable[[str, list[str]], Iterable[pa.Table]]
 """Reads these columns of a table of a run, in order, in pieces."""
@@ -163,8 +163,8 @@ def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
 
 
 def clock_steps(read: Read) -> list[Step]:
-    """Return the steps of the wall clock in these rows, oldest first."""
-    return [step for events in read("events", EVENTS) for step in steps_in(events)]
+    """Return the steps that the times of these rows follow, oldest first."""
+    return [step for events in read("events", COLUMNS_OF_STEPS) for step in steps_in(events)]
 
 
 def _counters(read: Read, station: str) -> pa.Table:

@@ -1,8 +1,9 @@
-"""Steps of the wall clock, and the times of rows corrected for them.
+"""Steps of the wall clock in records of earlier versions, and the times of rows corrected for them.
 
-With ``--rate max`` there is no grid, and only UTC gives the interval between two rows. A step of
-the wall clock is an event (`clock.step`; its value is the size in s, its time is by the new clock).
-The time of the first row after it jumps as well.
+The times of a run do not follow steps (`record/clock_steps.py`), those of earlier versions do. With
+``--rate max`` there is no grid, and only UTC gives the interval between two rows. In these versions
+the event `clock.step` has no `raw`; its value is the size in s, its time is by the new clock. The
+time of the first row after it jumps as well.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from jbclog.record.clock_steps import COLUMNS, KIND
 from jbclog.record.part_file import open_part
 
 Floats = NDArray[np.float64]
@@ -40,23 +42,24 @@ def steps_of(folder: Path) -> list[Step]:
     found = []
     for part in sorted((folder / "events").glob("part-*.parquet")):
         with open_part(part) as table:
-            found += [
-                step
-                for events in table.groups(["time", "kind", "value"])
-                for step in steps_in(events)
-            ]
+            found += [step for events in table.groups(COLUMNS) for step in steps_in(events)]
     return found
 
 
 def steps_in(events: pa.Table) -> list[Step]:
-    """Return the steps among these events."""
+    """Return the steps among these events, which have `COLUMNS`, that their times follow."""
     rows = zip(
         events["time"].cast("int64").to_pylist(),
         events["kind"].to_pylist(),
         events["value"].to_pylist(),
+        events["raw"].to_pylist(),
         strict=True,
     )
-    return [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
+    return [
+        Step(time / 1e6, value)
+        for time, kind, value, raw in rows
+        if kind == KIND and value and raw is None
+    ]
 
 
 @dataclass(slots=True)

@@ -5,7 +5,7 @@ stopped host skipped (`ledger` in the manifest). *Coverage*: readings obtained /
 *Longest gap*: the longest time without a temperature on the monotonic grid, missing ticks × period,
 including start and end of the run; *gap of others*: the same as if the readings that the computer
 skipped had been obtained. With ``--rate max`` there is no grid: then it is the longest time between
-two temperatures, in UTC less the steps of the wall clock (`clock_steps.py`). For a station without
+two temperatures by the run's clock (`clock_steps.py`). For a station without
 a temperature, all its signals count (`judged_signals`).
 """
 
@@ -33,6 +33,7 @@ from jbclog.analysis.verdict.clock_steps import (
 from jbclog.analysis.verdict.idle import Block, Flags, Floats, IdleError, by_block, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
 from jbclog.core.rows import StationFacts
+from jbclog.record.clock_steps import COLUMNS as COLUMNS_OF_STEPS
 from jbclog.record.part_file import open_part
 
 TEMPERATURE = "temperature_c"
@@ -270,9 +271,7 @@ def _new(facts: StationFacts, steps: Sequence[Step], within_c: float) -> PortMea
 def _steps(folder: Path, groups: Groups | None) -> list[Step]:
     if groups is None:
         return steps_of(folder)
-    return [
-        step for events in groups("events", ["time", "kind", "value"]) for step in steps_in(events)
-    ]
+    return [step for events in groups("events", COLUMNS_OF_STEPS) for step in steps_in(events)]
 
 
 def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.Table]:

@@ -179,12 +179,9 @@ def _count(found: Found, past: PastRuns) -> None:
 
 
 def _is_within(found: Found, since: str, until: str) -> bool:
-    began = found.started is None or datetime.fromisoformat(found.started) < datetime.fromisoformat(
-        until
-    )
-    ended = found.ended is not None and datetime.fromisoformat(
-        found.ended
-    ) < datetime.fromisoformat(since)
+    start, end = found.host_started, found.host_ended
+    began = start is None or datetime.fromisoformat(start) < datetime.fromisoformat(until)
+    ended = end is not None and datetime.fromisoformat(end) < datetime.fromisoformat(since)
     return began and not ended
 
 
@@ -193,17 +190,20 @@ def _has_rows(run: Run, station: str, since: str) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return any(
-            True for table in ("events", "samples") for _ in run.stream(table, station, start=since)
+            True
+            for table in ("events", "samples")
+            for _ in run.stream(table, station, start=run.run_time(since))
         )
 
 
 def error_events(run: Run, station: str, since: str | None, until: str) -> Events:
     """Return kind -> number of a station's errors in a run's record, from `since` (included) to
-    `until`.
+    `until`, by the host's clock.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # `check` reports damage to a record
-        events = run.events(station, start=since, stop=until)
+        start = None if since is None else run.run_time(since)
+        events = run.events(station, start=start, stop=run.run_time(until))
     counted = events[events["severity"].isin(COUNTED)]["kind"].value_counts()
     return {str(kind): int(count) for kind, count in sorted(counted.items())}
 
@@ -227,7 +227,7 @@ class _CounterRow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """The record of one station in a run, read at `now`."""
+    """The record of one station in a run, read at `now` by the run's clock."""
 
     run: Run
     facts: StationFacts
@@ -262,7 +262,10 @@ def _record(folder: Path, wanted: SurveyTarget, now: datetime) -> _Record | None
     from jbclog.analysis.run import open_run
 
     facts = next((one for one in _facts(folder) if is_one_port(one.url, wanted.target.url)), None)
-    return None if facts is None else _Record(open_run(folder), facts, now)
+    if facts is None:
+        return None
+    run = open_run(folder)
+    return _Record(run, facts, run.run_time(now).to_pydatetime())
 
 
 def _facts(folder: Path) -> list[StationFacts]:
@@ -294,7 +297,7 @@ def _observation(
 ) -> Observation:
     facts = record.facts
     return Observation(
-        utc_ms(max((one.time for one in counts), default=record.now)),
+        utc_ms(record.run.host_time(max((one.time for one in counts), default=record.now))),
         wanted.audit,
         wanted.line,
         wanted.target.name,

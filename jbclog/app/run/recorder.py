@@ -40,7 +40,7 @@ from jbclog.guard.open_leases import LIST_STEP, about_list, settle
 from jbclog.guard.supervisor import RunGuard
 from jbclog.guard.watch import RENEW_S
 from jbclog.record.guard_actions import LOCK as GUARD_LOCK
-from jbclog.record.guard_actions import action_log
+from jbclog.record.guard_actions import action_log, on_run_clock
 from jbclog.record.manifest import iso
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.mix_ups import alike, swapped, swapped_text
@@ -236,7 +236,9 @@ class Recorder:
         events of this record.
         """
         self._guarding.take_over()
-        for event in action_log(self._run_record.folder):
+        for event in on_run_clock(
+            action_log(self._run_record.folder), self._run_record.manifest.clock_steps
+        ):
             self._run_record.journal.event(event)
 
     def _add(self, context: SessionContext) -> None:
@@ -331,15 +333,18 @@ class Recorder:
                     context.facts.reason = f"{context.name}: {text}"
 
     def _look_at_clock(self) -> None:
-        utc, now = self._run_record.utc, self._clock.monotonic()
-        before = iso(utc.micros(now))
+        utc = self._run_record.utc
+        now = self._clock.monotonic()
+        before = iso(utc.host_micros(now))
         step = utc.check()
         if step:
+            after = iso(utc.host_micros(now))
             text = (
-                f"The host's clock was stepped by {step:+.3f} s, from {before} to"
-                f" {iso(utc.micros(now))}; sampling times and durations are not affected."
+                f"The host's clock was stepped by {step:+.3f} s, from {before} to {after}. The"
+                f" times of this run continue: {iso(utc.micros(now))}."
             )
-            self._note("clock.step", text, Severity.WARNING, value=step)
+            self._note("clock.step", text, Severity.WARNING, value=step, raw=after)
+            self._run_record.keep_step(utc.micros(now), step)
 
     def _freeze_sessions(self) -> None:
         """Freeze the sessions for the garbage collector, once all have begun: a full pass would

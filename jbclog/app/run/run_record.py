@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
@@ -27,7 +26,7 @@ from jbclog.analysis.rules_number import RULES
 from jbclog.app.run.options import Metadata as GivenMetadata
 from jbclog.app.run.plan import PORTS, Plan, StationPlan
 from jbclog.app.run.tasks import station_tasks
-from jbclog.core.clock import Clock, UtcOffset
+from jbclog.core.clock import Clock, UtcOffset, utc_of
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.goal import Goal
 from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
@@ -48,6 +47,7 @@ from jbclog.record.chains import previous_run
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.live import LiveStore, OnFailure
 from jbclog.record.manifest import (
+    ClockStep,
     LineFile,
     Manifest,
     Metadata,
@@ -122,7 +122,8 @@ class RunRecord:
         )
         self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
-        self.manifest.verifications = self._cited(out)
+        self._out = out
+        self.manifest.verifications = self._cited(self.utc.micros(self.t0))
         self.contexts = [
             SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)
         ]
@@ -159,6 +160,7 @@ class RunRecord:
             started=iso(self.utc.micros(self.t0)),
             t0_mono=self.t0,
             t0_utc=self.t0 + self.utc.offset,
+            clock_steps=[],
             line=LineFile(line.name, "line.toml", line.sha256),
             recipes=[
                 RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision)
@@ -170,19 +172,34 @@ class RunRecord:
             goals=self._plan.wanted.goals(),
         )
 
-    def _cited(self, out: Path) -> list[TipCheck]:
-        """Return the tip verification of each assumed port; which ports exist is known at the
-        end.
+    def keep_step(self, time: int, step_s: float) -> None:
+        """List a step of the host's clock in the manifest; `time` by the run's clock, in µs."""
+        steps = self.manifest.clock_steps or []
+        before_s = steps[-1].offset_s if steps else 0.0
+        self.manifest.clock_steps = [
+            *steps,
+            ClockStep(iso(time), step_s, round(before_s + step_s, 6)),
+        ]
+
+    def _cited(self, start_us: int) -> list[TipCheck]:
+        """Return the tip verification of each assumed port in force at the start, UTC in µs; which
+        ports exist is known at the end.
         """
         places = [(one.spec.name, port) for one in self._plan.stations for port in _ports(one)]
         tips = {place: self.manifest.metadata.tip(*place) for place in places}
-        return cited(out, places, tips, datetime.fromtimestamp(self.clock.utc(), UTC))
+        return cited(self._out, places, tips, utc_of(start_us))
 
     def note(
-        self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None
+        self,
+        kind: str,
+        text: str,
+        severity: Severity = Severity.INFO,
+        value: float | None = None,
+        raw: str | None = None,
     ) -> None:
         """Record an event of the whole run; a critical one at once."""
-        event = EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value)
+        time = self.utc.micros(self.clock.monotonic())
+        event = EventRow(time, kind, severity, text, value=value, raw=raw)
         self.journal.event(event, at_once=severity is Severity.CRITICAL)
 
     @staticmethod
@@ -234,9 +251,14 @@ class RunRecord:
         """Judge the sealed rows and write the final manifest. `record` is what the record lacks."""
         # imported only now: reading sealed tables takes memory that hours of recording do without
         from jbclog.app.run.ending import conclude, judge_run
+        from jbclog.record.clock_steps import HostClock
 
         stations, manifest = [context.facts for context in self.contexts], self.manifest
         manifest.stations = stations  # in the line file's order
+        start_us = self.utc.micros(self.t0)
+        true_start_us = HostClock(manifest.clock_steps or (), manifest.started).corrected(start_us)
+        if true_start_us != start_us:
+            manifest.verifications = self._cited(true_start_us)
         there = {facts.name: facts.ports for facts in stations}
         manifest.verifications = [
             one for one in manifest.verifications if one.port in (there[one.station] or [one.port])

@@ -116,6 +116,7 @@ class PortState:
     counted: dict[str, Value] = field(default_factory=dict)
     # OMEGA's states as last read, and when
     states: dict[str, tuple[Value, float]] = field(default_factory=dict)
+    row_time: int = 0  # of its last row, UTC in µs
     touched: bool = False
     tool_is_new: bool = False  # connected or changed; its settings not read yet
 

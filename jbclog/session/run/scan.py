@@ -587,6 +587,9 @@ class Scanner:
     def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
         """Finish the row: reasons of readings not requested, the times. Write it unless an answer
         does not count yet.
+
+        A row without a temperature has the time at which it was due, but none before that of its
+        port's last row, which an answer may have delayed.
         """
         row, reasons = scan.row, scan.reasons
         for probe in scan.fast:
@@ -595,7 +598,9 @@ class Scanner:
                 self.unread(probe, scan, unasked)
         first, last = scan.first_sent, scan.last_heard
         moment = due if scan.temperature_at is None else scan.temperature_at
-        row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
+        time = self._context.utc.micros(self._context.now if moment is None else moment)
+        scan.port.row_time = max(scan.port.row_time, time)
+        row[_TIME] = scan.port.row_time
         if first is not None:
             if due is not None:
                 row[_LATE] = round((first - due) * 1e6)

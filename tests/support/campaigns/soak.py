@@ -524,13 +524,10 @@ class Soak:
         yield from self._untrue(events, zero)
 
     def _untrue(self, events: pd.DataFrame, zero: dict[str, float]) -> Iterator[str]:
-        """Warnings about stations to which nothing was done. The rows are in the order of time,
-        whatever the clock said.
-        """
+        """Warnings about stations to which nothing was done."""
         manifest = self.manifest()
         offset = (manifest.t0_utc or 0.0) - (manifest.t0_mono or 0.0)
         for row in events.to_dict("records"):
-            offset += row["value"] if row["kind"] == "clock.step" else 0.0
             name = row["station"]
             if (
                 isinstance(name, str)

@@ -194,7 +194,9 @@ def _values_with_reasons(rows: Iterable[SampleRow]) -> Iterator[str]:
 
 
 def _times(kept: Kept, facts: StationFacts, rows: list[SampleRow]) -> Iterator[str]:
-    """Ticks rise one by one; times do not go back, and lie where the ticks say."""
+    """Ticks rise one by one; times do not go back, and lie where the ticks say, whatever the host's
+    clock does.
+    """
     for port in sorted({_whole(row, "port") for row in rows}):
         mine = [row for row in rows if row[COLUMN["port"]] == port]
         ticks = [_whole(row, "tick") for row in mine]
@@ -203,12 +205,9 @@ def _times(kept: Kept, facts: StationFacts, rows: list[SampleRow]) -> Iterator[s
             for one, two in pairwise(ticks)
             if two <= one
         )
-        if kept.has("clock.step"):
-            continue
-        answered = [_whole(row, "time") for row in mine if row[COLUMN["temperature_c"]] is not None]
         yield from (
             f"port {port}: {two} after {one} in UTC microseconds"
-            for one, two in pairwise(answered)
+            for one, two in pairwise(_whole(row, "time") for row in mine)
             if two < one
         )
         if facts.period_s is not None and not kept.has("host.suspended"):

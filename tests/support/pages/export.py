@@ -112,13 +112,13 @@ ASAM MDF {{mdf.VERSION}}. The file's start is tick 0 of the run, in UTC; the fac
 | --- | --- | --- |
 | `STATION port N` | the samples of a port, with the channels that the station's family can fill | seconds on the run's grid |
 | `STATION port N joints` | its joints | `start_s` |
-| `events` `settings` `counters` | rows in the order of their times | seconds since the start, by the host's clock |
+| `events` `settings` `counters` | rows in the order of their times | seconds since the start |
 | `alarms` | episodes | seconds from the start to `onset` |
 
 Units stand at each channel. `time_utc` and other times are microseconds since 1970-01-01 UTC. A value that is not known has
 its invalidation bit set; a reader that ignores these bits finds NaN, and `{{mdf.NO_TEXT}}` or an empty text. Flags are 0 and 1;
 `quality`, `status`, `motor` and `reasons` are numbers with a table of their texts, and no text has line ends or control characters. With `--rate max` there is no grid, and
-the seconds are those of the host's clock without its steps.
+the seconds are those of the rows' times.
 
 mdfreader 4.3 does not read groups of 17 to 24 channels that can be invalid; asammdf does.
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.record.manifest import (
+    ClockStep,
     LineFile,
     Lost,
     Manifest,
@@ -31,6 +32,7 @@ OBJECTS: Mapping[str, type] = {
     "previous": Previous,
     "verifications": TipCheck,
     "goals": Goal,
+    "clock_steps": ClockStep,
 }
 """Heading -> what stands there."""
 
@@ -52,7 +54,7 @@ MEANINGS: Mapping[str, str] = {
         "each rule of the verdict: name, station, port, limit, observed, unit, result, text"
     ),
     "manifest.json.started": "start",
-    "manifest.json.ended": "end",
+    "manifest.json.ended": "end: start plus the time elapsed",
     "manifest.json.t0_mono": "tick 0 on the recorder's monotonic clock, s",
     "manifest.json.t0_utc": "the same moment, s since 1970 UTC",
     "manifest.json.line": "line file as it ran",
@@ -70,6 +72,11 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.previous": "previous run on the same production line",
     "manifest.json.verifications": "tip verifications that applied to its ports at the start",
     "manifest.json.goals": "numbers of units or joints that end the run",
+    "manifest.json.clock_steps": (
+        "steps of the host's clock, which no time of the run follows: host's time = run's time +"
+        " `offset_s`; the first 1000, the others are events. Null in earlier versions, whose times"
+        " follow them"
+    ),
     "line.name": "name of the production line",
     "line.file": "file in the run's folder",
     "line.sha256": "its SHA-256",
@@ -165,6 +172,9 @@ MEANINGS: Mapping[str, str] = {
     "goals.wanted": "how many",
     "goals.reached": "how many it reached; null: not known",
     "goals.text": "a sentence",
+    "clock_steps.time": "when the recorder saw it, by the run's clock; up to 1 s late",
+    "clock_steps.step_s": "size, s",
+    "clock_steps.offset_s": "from then on, host's time less run's time, s",
 }
 
 
@@ -206,7 +216,7 @@ def rows_of(name: str, one: type, meanings: Mapping[str, str]) -> list[tuple[str
 def json_type(kind: str) -> str:
     """A type of Python as JSON has it."""
     text = re.sub(
-        r"\b(?:LineFile|RecipeFile|Metadata|Unit|StationFacts|Lost|SealedFile|Previous|TipCheck|Goal|Ledger)\b",
+        r"\b(?:LineFile|RecipeFile|Metadata|Unit|StationFacts|Lost|SealedFile|Previous|TipCheck|Goal|ClockStep|Ledger)\b",
         "object",
         re.sub(r"Literal\[.*?\]|\bRunState\b", "str", kind),
     )

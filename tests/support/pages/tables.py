@@ -19,6 +19,14 @@ Parquet files of a [run's folder](run-folder.md). `pandas.read_parquet("RUN/samp
 
 Times are UTC with zone, in microseconds. Units are in the names and in the fields' metadata (`unit`, `command`). Whole numbers are
 int64. **Null means not read.** Nothing is carried forward or replaced by zero.
+
+Times are by the run's own clock: the host's clock at the start, plus the time elapsed since (suspension included). A step of the
+host's clock moves none of them; it is the event `clock.step` and stands in the [manifest](manifest.md), `clock_steps`. From each step on,
+host's time = run's time + `offset_s`; `run.samples(clock="wall")` gives these times, `run.host_time` and `run.run_time` convert a moment.
+A step out of the time before 2020, or a first one of more than a day, corrects a clock that was wrong from the start: it applies to the
+whole run there, and `runs`, `report` and `check` say so. Times that others of this host wrote are converted: those of the guard's events,
+and `acknowledged_at` of alarms. Lines of `annotations.jsonl` keep the host's time. Times of runs of earlier versions follow the steps of
+their hosts (`clock_steps` null).
 """
 
 TEXTS: Mapping[str, str] = {
@@ -42,7 +50,8 @@ TEXTS: Mapping[str, str] = {
 
 MEANINGS: Mapping[str, str] = {
     "samples.time": (
-        "last byte of this row's temperature answer; without an answer, when it was due"
+        "last byte of this row's temperature answer; without an answer, when it was due, but not"
+        " before the port's row before it: never steps back in the order of `tick`"
     ),
     "samples.tick": (
         "number on the run's grid: due = manifest `t0_mono` + tick × period. With `--rate max` it"

@@ -4,7 +4,7 @@ that jumps: no time passes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +41,18 @@ class Nobody:
 
 
 class RecordedRun:
-    """What is left of it: the run's folder with everything in it, and the stations' own memory."""
+    """What is left of it: the run's folder with everything in it, and the stations' own memory.
 
-    def __init__(self, plan: Plan, out: Path, clock: VirtualClock | None = None) -> None:
+    `meanwhile` may plan what happens during the run.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        clock: VirtualClock | None = None,
+        meanwhile: Callable[[RunRecord, VirtualDriver], None] = lambda _record, _driver: None,
+    ) -> None:
         clock = clock or VirtualClock()
         papers, driver = (
             RunRecord(plan, out, Nobody(), clock, seal_every_s=None),
@@ -55,6 +64,7 @@ class RecordedRun:
             virtual = virtual_station(station.spec, now=clock.monotonic())
             self.stations[station.spec.name] = virtual
             driver.add(run_station(context), virtual)
+        meanwhile(papers, driver)
         driver.run()
         self.result: Result = papers.conclude(_sealed_here(papers))
 

@@ -21,6 +21,7 @@ import pytest
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
+from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Condition, Follower, Phase, RunState, follow
 from jbclog.live.follower import current_run
 from jbclog.live.sample_history import HOUR_S, Means
@@ -41,18 +42,19 @@ WAIT_S = 60.0
 
 class StandingClock(VirtualClock):
     """The clock of recorder and follower: a reading grows old when a test says so, not while the
-    machine is busy. `stepped_s`: by how much the follower's wall clock alone was set.
+    machine is busy. `stepped_s`: by how much the follower's wall clock alone was set;
+    `of_recorder_s`: that of the recorder.
     """
 
     def __init__(self) -> None:
         super().__init__(utc=time.time())
-        self.stepped_s = 0.0
+        self.stepped_s = self.of_recorder_s = 0.0
 
     def utc(self) -> float:
-        return self.recorder_s() + self.stepped_s
+        return super().utc() + self.stepped_s
 
     def recorder_s(self) -> float:
-        return super().utc()
+        return super().utc() + self.of_recorder_s
 
     def advance(self, seconds: float) -> None:
         self.advance_to(self.monotonic() + seconds)
@@ -368,6 +370,25 @@ def test_a_clock_that_is_set_back_makes_nothing_look_fresh(
         False,
     )
     assert port.condition is Condition.STALE
+
+
+@pytest.mark.parametrize("stepped_s", [-20.0, 3600.0, -86_400.0])
+def test_after_a_step_of_the_recorders_clock_ages_are_by_the_runs_clock(
+    recording: Recording, follower: Follower, clock: StandingClock, stepped_s: float
+) -> None:
+    recording.rows(5)
+    recording.commit()
+    polled(follower)
+    now_us = round(clock.recorder_s() * 1e6)
+    step = EventRow(now_us, "clock.step", Severity.WARNING, "", value=stepped_s, raw="then")
+    recording.store.event(step)
+    recording.store.sample(recording.row(1, now_us + 500_000))
+    clock.of_recorder_s = clock.stepped_s = stepped_s
+    clock.advance(1.0)
+    recording.commit()
+    port = polled(follower).ports[0]
+    assert port.temperature.is_known
+    assert port.temperature.age_s == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.parametrize("stepped_s", [-3600.0, 3600.0])

@@ -15,6 +15,7 @@ from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from support.virtual.recorded_run import run_in
+from support.virtual.stepped_run import stepped_run
 from support.virtual.virtual_run import RECIPE, line_text
 
 ASKED = RECIPE + "\n[acceptance]\nverification_days = 30\n"
@@ -50,6 +51,17 @@ def test_each_port_cites_its_own_last_one(tmp_path: Path) -> None:
     )
     assert (two.port, two.state) == (2, "none")
     assert rules(manifest) == {1: "pass", 2: "missing"}
+
+
+def test_a_host_whose_clock_was_corrected_from_1970_cites_it_too(tmp_path: Path) -> None:
+    verified(tmp_path, 1, 12)
+    run = stepped_run(tmp_path, {2.0: VirtualClock().utc()}, {}, start_utc=5.0, recipe=ASKED)
+    manifest = read_manifest(run)
+    one, two = manifest.verifications
+    assert (one.state, one.days) == ("pass", pytest.approx(12, abs=0.01))
+    assert (two.port, two.state) == (2, "none")
+    assert rules(manifest) == {1: "pass", 2: "missing"}
+    assert check(run) == []
 
 
 def test_a_bad_one_rejects_an_old_one_does_not_count(tmp_path: Path) -> None:

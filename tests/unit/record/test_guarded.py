@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.core.rows import EventRow, Severity
 from jbclog.guard.action_log import NAME, ActionLog
 from jbclog.record import conclude as concluding
 from jbclog.record.check import check
 from jbclog.record.guard_actions import ACTION_LOG as DIARY
-from jbclog.record.manifest import read_manifest
+from jbclog.record.manifest import ClockStep, Manifest, iso, read_manifest, write_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import recover
 from support.records import few_rows
@@ -84,3 +85,28 @@ def test_a_torn_last_line_is_no_event(guarded: Path) -> None:
     recover(guarded)
     assert events(guarded)[-1][0] == "guard.took_over"
     assert check(guarded) == []
+
+
+@pytest.mark.parametrize("size", [-20.0, 3600.0, -86_400.0, 1_790_000_000.0])
+def test_its_lines_get_the_runs_time_if_the_hosts_clock_was_stepped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: float
+) -> None:
+    store = few_rows.begun(tmp_path)
+    write_manifest(store.folder, Manifest(store.folder.name, clock_steps=[]))
+    few_rows.hand_over(store, range(50))
+    stepped_us = few_rows.T0 + 5_000_000
+    step = EventRow(stepped_us, "clock.step", Severity.WARNING, "Stepped.", value=size, raw="then")
+    store.event(step)
+    store.commit_now()
+    few_rows.vanish(store)
+    took_over_us = stepped_us + 2_000_000
+    monkeypatch.setattr("time.time_ns", lambda: (took_over_us + round(size * 1e6)) * 1000)
+    ActionLog(store.folder).write("guard.took_over", "critical", "The guard took over.")
+    recover(store.folder)
+    last = [row for group in row_groups(store.folder, "events") for row in group.to_pylist()][-1]
+    assert last["kind"] == "guard.took_over"
+    assert last["time"].timestamp() == pytest.approx(took_over_us / 1e6, abs=0.001)
+    manifest = read_manifest(store.folder)
+    assert manifest.clock_steps == [ClockStep(iso(stepped_us), size, size)]
+    assert manifest.ended == iso(took_over_us)
+    assert check(store.folder) == []

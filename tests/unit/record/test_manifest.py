@@ -15,6 +15,7 @@ from jbclog.core.rows import SIGNAL_COLUMNS, StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.find_runs import ALL, Unreadable, summary_of
 from jbclog.record.manifest import (
+    ClockStep,
     LineFile,
     Lost,
     Manifest,
@@ -35,7 +36,7 @@ from jbclog.record.manifest import (
 KEYS = (
     "schema, run, state, exit_status, exit_code, verdict, rules, verdict_rules, started, ended,"
     " t0_mono, t0_utc, line, recipes, metadata, host, rate, guard, wire, stations, ledger, lost,"
-    " units, files, previous, verifications, goals"
+    " units, files, previous, verifications, goals, clock_steps"
 )
 
 FULL = Manifest(
@@ -63,6 +64,7 @@ FULL = Manifest(
     ],
     ledger={"a": {"1": {"tool": {"due": 3, "ok": 2, "timeout": 1}}}},
     lost=Lost(1.0, "a second"),
+    clock_steps=[ClockStep(iso(2), -20.0, -20.0)],
     goals=[Goal("units", 3, 2, "Units finished: 2, wanted: 3."), Goal("joints", 40)],
     files=[
         SealedFile("samples/part-0000.parquet", 10, 100, "ef"),

@@ -197,7 +197,7 @@ class Case:
             "port": pa.int64(),
             "text": pa.string(),
         }
-        texts |= {"time": STAMP, "value": pa.float64()}
+        texts |= {"time": STAMP, "value": pa.float64(), "raw": pa.string()}
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
         columns = dict.fromkeys(
             ("station", "setting", "requested", "outcome", "readback"), pa.string()
