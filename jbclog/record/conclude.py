@@ -157,6 +157,22 @@ def _is_confirmed(
     return not facts.unsafe and not lease.feeds and all(is_safe(port) for port in lease.ports)
 
 
+def _ordered_text(folder: Path) -> str:
+    """Say how often the guard ordered stations without an answer: ``; ucr-1 was ordered 3 times``."""
+    orders: dict[str, int] = {}
+    try:
+        events = guard_actions.action_log(folder)
+    except OSError:
+        return ""
+    for event in events:
+        if event.kind == guard_actions.NOT_SAFE and event.station and event.value:
+            orders[event.station] = max(orders.get(event.station, 0), int(event.value))
+    return "".join(
+        f"; {station} was ordered {count_text(times, 'time')} without an answer"
+        for station, times in sorted(orders.items())
+    )
+
+
 def hot_warning(
     folder: Path, stations: Collection[StationFacts], unsafe: Collection[str] = ()
 ) -> str:
@@ -172,7 +188,10 @@ def hot_warning(
     names, why = ", ".join(sorted({*left, *unsafe})), _lease(folder)[1]
     found = []
     if names:
-        found.append(f"Tools of {names} may still be hot: their safe state is not confirmed.")
+        found.append(
+            f"Tools of {names} may still be hot: their safe state is not confirmed"
+            f"{_ordered_text(folder)}."
+        )
     if why:
         found.append(
             f"{guard_actions.LEASE} cannot be read ({why}): which tools of this run may still be"

@@ -35,9 +35,10 @@ BLANK: Final = b"\n"  # reserved space
 RETRY_S: Final = 0.05
 ROWS_AT_ONCE: Final = 8192
 SAFE: Final = "safety.safe_state"
+NOT_SAFE: Final = "safety.not_safe"
 REACHED: Final[dict[str, SafetyResult]] = {
     SAFE: SafetyResult.VERIFIED,
-    "safety.not_safe": SafetyResult.FAILED,
+    NOT_SAFE: SafetyResult.FAILED,
 }
 
 

@@ -188,7 +188,6 @@ def test_what_is_found_on_the_fifth_plant(trials: list[Trial]) -> None:
     """What is true of finding joints as it is, not what is asked of it."""
     found = joint_matrix.found_in(CELLS, {10.0: trials})
     print(f"\n{joint_matrix.rows_told(found, (10.0,))}\n")
-    print(joint_matrix.matrix_told(found, "fifth", 10.0))
     figures = joint_matrix.figures(found, 10.0)
     assert sum(one.truths for one in found if not one.fed) > 200
     for row, least in zip(joint_matrix.ROWS, SLICE_HOLDS, strict=False):

@@ -154,11 +154,6 @@ def test_a_third_of_the_matrix(
     cells = joint_matrix.cells_of("sixth", 1)
     found = joint_matrix.outcomes(cells)
     tables = [joint_matrix.rows_told(found)]
-    tables += [
-        joint_matrix.matrix_told(found, "sixth", hz, fed)
-        for fed in (False, True)
-        for hz in joint_matrix.RATES
-    ]
     tables += [joint_matrix.apart_told(found)]
     with capsys.disabled():
         print("\n" + "\n\n".join(tables))
