@@ -111,7 +111,7 @@ def _limit_memory() -> bool:
     """Limit the memory of a command that reads records; return whether it is one."""
     if sys.argv[1:2] == [] or sys.argv[1] not in READING:
         return False
-    from jbclog.core.memory import limit_memory  # not imported by other commands
+    from jbclog.core.operating_system import limit_memory  # not imported by other commands
 
     limit_memory()
     return True

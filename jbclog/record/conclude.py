@@ -17,11 +17,11 @@ from typing import Final, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, open_regular, read_regular
 from jbclog.core.json_files import json_of
 from jbclog.core.locks import FolderLock, commit_status
+from jbclog.core.operating_system import sync_folder
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text

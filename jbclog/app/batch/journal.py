@@ -26,12 +26,12 @@ from jbclog.core.durable_files import (
     line_of,
     lines_in,
     sha256,
-    sync_folder,
     write_whole,
 )
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, read_regular
 from jbclog.core.json_files import builder
+from jbclog.core.operating_system import sync_folder
 
 _build_entry: Final = builder(Entry)
 

@@ -11,10 +11,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import Kind, open_regular, open_to_write
 from jbclog.core.json_files import read_json
+from jbclog.core.operating_system import sync_folder
 
 LOCK: Final = "lock"
 WIDTH: Final = 200

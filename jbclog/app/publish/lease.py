@@ -26,7 +26,7 @@ from jbclog.analysis.store.place import Place, explained
 from jbclog.analysis.store.schema import RUNS
 from jbclog.core.errors import StoreError
 from jbclog.core.json_files import json_of
-from jbclog.core.locks import boot_id
+from jbclog.core.operating_system import boot_id
 from jbclog.core.text import clean, shortened
 
 if TYPE_CHECKING:
