@@ -12,12 +12,13 @@ import select
 import stat
 import unicodedata
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import UsageError
+from jbclog.core.operating_system import NO_WAIT, PLAIN
 
 STDIN: Final = 0
 OWN_STDIN: Final = Path("/proc/self/fd/0")
@@ -27,7 +28,7 @@ A_LOOK: Final = 256  # bytes of one read: more than anybody types; a faster prog
 # Unicode categories of invisible characters
 HIDDEN: Final = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")
 BOM: Final = "\ufeff"
-FLAGS: Final = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+FLAGS: Final = NO_WAIT | PLAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +134,34 @@ def _stdin() -> int:
     with suppress(OSError):
         return os.open(OWN_STDIN, os.O_RDONLY | FLAGS)
     return STDIN
+
+
+@contextmanager
+def echo_off() -> Iterator[None]:
+    """Switch off the echo of the terminal on stdin, unless this program is in the background: the
+    system stops a background program that changes the terminal.
+    """
+    import termios
+
+    if not _is_in_foreground():
+        yield
+        return
+    before = termios.tcgetattr(STDIN)
+    silent = [*before]
+    silent[3] &= ~termios.ECHO
+    termios.tcsetattr(STDIN, termios.TCSADRAIN, silent)
+    try:
+        yield
+    finally:
+        with suppress(termios.error):
+            termios.tcsetattr(STDIN, termios.TCSADRAIN, before)
+
+
+def _is_in_foreground() -> bool:
+    try:
+        return os.tcgetpgrp(STDIN) == os.getpgrp()
+    except OSError:
+        return False
 
 
 def is_plain_file(name: str) -> bool:
