@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from jbclog.core.operating_system import NO_LINK, NO_WAIT, PLAIN, make_blocking, read_at
+from jbclog.core.operating_system import NO_LINK, NO_WAIT, PLAIN, read_at, set_blocking
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 
@@ -161,7 +161,7 @@ def open_to_write(path: Path, kind: Kind, *, appends: bool = False, makes: bool 
     descriptor = os.open(path, how | PLAIN | NO_LINK | NO_WAIT, 0o644)
     try:
         expect_opened(descriptor, kind)
-        make_blocking(descriptor)  # a child may inherit it
+        set_blocking(descriptor, blocks=True)  # a child may inherit it
     except BaseException:
         os.close(descriptor)
         raise

@@ -12,10 +12,11 @@ computer.
 from __future__ import annotations
 
 import os
+import select
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, Final
@@ -82,10 +83,21 @@ def _position(descriptor: int, start: int) -> Iterator[None]:
         os.lseek(descriptor, before, os.SEEK_SET)
 
 
-def make_blocking(descriptor: int) -> None:
-    """Undo `NO_WAIT` of an open file."""
+def set_blocking(descriptor: int, *, blocks: bool) -> None:
+    """Let reads and writes of an open file or pipe wait, or not; Windows has no such choice."""
     if IS_POSIX:
-        os.set_blocking(descriptor, True)
+        os.set_blocking(descriptor, blocks)
+
+
+def takes_text(descriptor: int, patience_s: float) -> bool:
+    """Return whether a stream accepts text within `patience_s`; a closed one does, and Windows does
+    not say.
+    """
+    if not IS_POSIX:
+        return True
+    watched = select.poll()
+    watched.register(descriptor, select.POLLOUT)
+    return bool(watched.poll(patience_s * 1000))
 
 
 def sync_folder(folder: Path) -> None:
@@ -202,6 +214,19 @@ def lower_priority(niceness: int) -> None:
     """Leave the processor to others, the recorder first."""
     if IS_POSIX:
         os.nice(niceness)
+
+
+# -- time -----------------------------------------------------------------------------------------
+
+
+def boot_clock() -> Callable[[], float]:
+    """Return the boot-time clock if there is one: on Linux `time.monotonic` excludes suspension."""
+    try:
+        boot: int = time.CLOCK_BOOTTIME
+        time.clock_gettime(boot)
+    except (AttributeError, OSError):
+        return time.monotonic
+    return partial(time.clock_gettime, boot)
 
 
 # -- processes -------------------------------------------------------------------------------------
