@@ -225,9 +225,7 @@ def _example_port() -> str:
     from jbclog.transport.system_ports import usb_ports
 
     plugged = [port.name for port in usb_ports()]
-    if plugged:
-        return plugged[0]
-    return "COM3" if sys.platform == "win32" else "/dev/serial/by-id/..."
+    return plugged[0] if plugged else "/dev/serial/by-id/..."
 
 
 def _answer(question: str, read: Callable[[str], T], usual: str | None = None) -> T:
