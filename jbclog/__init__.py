@@ -9,9 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jbclog.analysis.opening import open_run, open_runs
+    from jbclog.analysis.opening import open_run
     from jbclog.analysis.run import Run
-    from jbclog.analysis.runs import Runs
+    from jbclog.analysis.runs import Runs, open_runs
     from jbclog.core.errors import JbclogError, LinkError, RecordError, UsageError
 
 __version__ = "0.1.0"
@@ -24,7 +24,7 @@ _MODULES = {
     "Runs": "jbclog.analysis.runs",
     "UsageError": "jbclog.core.errors",
     "open_run": "jbclog.analysis.opening",
-    "open_runs": "jbclog.analysis.opening",
+    "open_runs": "jbclog.analysis.runs",
 }
 """Public name -> module that defines it."""
 

@@ -260,7 +260,7 @@ def _same_idle(
     """Test two idle errors by their bounds, or return why one of them has none."""
     means = []
     for idle, which in ((first, "first"), (second, "second")):
-        found = idle.latest_bounds()
+        found = idle.bounds()
         if isinstance(found, str):
             return spc.Refused("too_few", f"The {which} run's idle error has no bound. {found}")
         means.append(spc.Mean(idle.mean_c or 0.0, found.half))

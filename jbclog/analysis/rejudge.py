@@ -1,7 +1,7 @@
 """Judges a sealed run again from its record, and compares the result with its sealed verdict.
 
-The comparison uses the version of the rules that gave the verdict (`rule_versions.py`). Rules that
-this jbclog cannot apply as that version did are listed and never count against the verdict.
+Only a verdict by the rules of this version (`rules_number.py`) can be compared. One by other rules
+is not recomputed, and never counts as changed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Final, cast
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
-from jbclog.analysis.rule_versions import OF_JOINTS, is_known, not_kept
 from jbclog.analysis.verdict import (
     RULES,
     Evidence,
@@ -37,6 +36,7 @@ from jbclog.record.manifest import Manifest
 if TYPE_CHECKING:
     from jbclog.config.recipe import Recipe
 
+OF_JOINTS: Final = ("recovery_p95", "recovered_before_next", "joints_against_counter")
 OF_RECOVERY: Final = (Verdict.INCONCLUSIVE, Verdict.NOT_JUDGED)
 Place = tuple[str, str | None, int | None]
 """A rule's name, station and port."""
@@ -47,27 +47,17 @@ SAME: Final = 1e-6  # share by which figures of other libraries may differ
 
 @dataclass(frozen=True, slots=True)
 class VerdictCheck:
-    """Comparison of a sealed verdict with its record: a sentence for each difference, and for each
-    rule that could not be compared.
+    """Comparison of a sealed verdict with its record: a sentence for each difference, and why it
+    was not compared.
     """
 
     differing: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
-def judge_again(
-    folder: Path,
-    manifest: Manifest,
-    by: int | None = None,
-    *,
-    counts_lacking: bool = True,
-    measuring: Measuring = measure,
-) -> Judgement:
-    """Judge a sealed run by the copies of its recipes and by version `by` of the rules; None: its
-    own.
-
-    An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`, `measuring` as in
-    `judge`.
+def judge_again(folder: Path, manifest: Manifest, *, measuring: Measuring = measure) -> Judgement:
+    """Judge a sealed run by the copies of its recipes. An unreadable copy is missing evidence;
+    `measuring` as in `judge`.
     """
     recipes, unread = _recipes(folder, manifest)
     acceptance = {
@@ -91,9 +81,8 @@ def judge_again(
         joints,
         manifest.goals,
         targets,
-        counts_lacking,
     )
-    judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by, measuring)
+    judgement = judge(evidence, acceptance, measuring)
     return _without(unread, judgement) if unread else judgement
 
 
@@ -108,11 +97,13 @@ def _without(unread: Sequence[StationFacts], judgement: Judgement) -> Judgement:
     return Judgement(verdict, (*rules, *judgement.rules))
 
 
-def own_version(manifest: Manifest) -> int:
-    """Return the version of the rules that judged the run, or the latest if that is not known
-    here.
+def other_rules(manifest: Manifest) -> str | None:
+    """Return the sentence that the verdict is by other rules than this version has; None if it is
+    not.
     """
-    return manifest.rules if is_known(manifest.rules) else RULES
+    if manifest.rules == RULES:
+        return None
+    return f"judged by rules {manifest.rules}, which this version does not have"
 
 
 def is_cut_off(manifest: Manifest) -> bool:
@@ -121,37 +112,29 @@ def is_cut_off(manifest: Manifest) -> bool:
 
 
 def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
-    """Compare a run's sealed verdict with that of its record by the same version of the rules; of a
+    """Compare the sealed verdict of a run that is otherwise intact with that of its record; of a
     run that was cut off, with what `recover` gives.
     """
     if manifest.verdict is None:
         return VerdictCheck()
     if is_cut_off(manifest):
         return VerdictCheck([*_not_by_recovery(folder, manifest)])
-    why = _why_not(folder, manifest)
-    if why is not None:
+    other = other_rules(manifest)
+    if other is not None:
+        return VerdictCheck(notes=[f"verdict: {other}; its record is intact"])
+    unread = _not_taken(folder, manifest)
+    if unread:
         return VerdictCheck(
-            notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"]
+            notes=[f"verdict: not recomputed: this version cannot read the recipe of {unread}"]
         )
-    differing = _differing(manifest, judge_again(folder, manifest))
-    if (
-        differing
-        and manifest.rules == 1
-        and not _differing(manifest, judge_again(folder, manifest, counts_lacking=False))
-    ):
-        differing = []
     version = manifest.host.get("jbclog", "not known")
     by = "" if version == __version__ else f"; it was judged by jbclog {version}"
-    notes = [
-        f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here"
-        for name in _not_kept_rules(manifest)
-    ]
+    differing = _differing(manifest, judge_again(folder, manifest))
     return VerdictCheck(
         [
             f"verdict{name}: was {was}, its record gives {gives}{by}"
             for name, was, gives in differing
-        ],
-        notes,
+        ]
     )
 
 
@@ -164,31 +147,21 @@ def _not_by_recovery(folder: Path, manifest: Manifest) -> Iterator[str]:
         yield f"verdict: was {manifest.verdict}, but a run that was cut off is {given}"
     elif (
         manifest.verdict == Verdict.NOT_JUDGED
-        and _why_not(folder, manifest) is None
+        and other_rules(manifest) is None
+        and not _not_taken(folder, manifest)
         and judge_again(folder, manifest).verdict is not Verdict.NOT_JUDGED
     ):
         yield f"verdict: was {manifest.verdict}, but its recipes have limits"
 
 
-def _not_kept_rules(manifest: Manifest) -> list[str]:
-    """Return the rules of the sealed verdict that this jbclog cannot apply in their form of
-    then.
-    """
-    return sorted(
-        {name for name, *_ in _by_place(manifest.verdict_rules)} & not_kept(manifest.rules)
-    )
-
-
 def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, object, object]]:
     """Return what differs in the rules, each with the sealed and the new value: results first."""
     before, now = _by_place(manifest.verdict_rules), _by_place(judgement.rules_as_dicts())
-    gone = not_kept(manifest.rules)
-    places = [place for place in {**before, **now} if place[0] not in gone]
-    found: list[tuple[str, object, object]] = [
+    places = [*{**before, **now}]
+    found: list[tuple[str, object, object]] = [("", manifest.verdict, judgement.verdict)]
+    found += [
         (_named(place), _result(before.get(place)), _result(now.get(place))) for place in places
     ]
-    if not _not_kept_rules(manifest):
-        found.insert(0, ("", manifest.verdict, judgement.verdict))
     if differing := [one for one in found if one[1] != one[2]]:
         return differing
     return [one for place in places for one in _other_figures(place, before[place], now[place])]
@@ -197,8 +170,8 @@ def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, obje
 def _other_figures(
     place: Place, before: Sequence[SealedRule], now: Sequence[SealedRule]
 ) -> Iterator[tuple[str, object, object]]:
-    """Yield limit and observed figure if they differ. Words are not compared, because a later
-    jbclog may have others; nor figures of joints, whose search depends on the libraries.
+    """Yield limit and observed figure if they differ. Words are not compared, because another
+    version may have others; nor figures of joints, whose search depends on the libraries.
     """
     for name in ("limit",) if place[0] in OF_JOINTS else ("limit", "observed"):
         for one, other in zip(before, now, strict=True):
@@ -209,16 +182,10 @@ def _other_figures(
                 yield f"{_named(place)}, {name}", was, gives
 
 
-def _why_not(folder: Path, manifest: Manifest) -> str | None:
-    """Return why the verdict cannot be recomputed; None if it can."""
-    if not is_known(manifest.rules):
-        return f"this jbclog knows rules 1 to {RULES}"
-    unread = [
-        facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)
-    ]
-    if unread:
-        return f"this jbclog cannot read the recipe of {', '.join(facts.name for facts in unread)}"
-    return None
+def _not_taken(folder: Path, manifest: Manifest) -> str:
+    """Return the stations whose recipes this version cannot read although they are as sealed."""
+    unread = _recipes(folder, manifest)[1]
+    return ", ".join(facts.name for facts in unread if _is_as_sealed(folder, manifest, facts))
 
 
 def _recipes(
@@ -257,8 +224,8 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
 
 
 def _by_place(rules: Sequence[SealedRule]) -> dict[Place, list[SealedRule]]:
-    """Return the rules of each place: one, unless somebody has added another. A forged rule may
-    lack anything.
+    """Return the rules of each place, usually one. A rule of a damaged manifest may lack
+    anything.
     """
     found: dict[Place, list[SealedRule]] = {}
     for rule in rules:

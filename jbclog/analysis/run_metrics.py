@@ -100,11 +100,6 @@ def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
 
 def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow]:
     """Return the rows of `metrics_of` as objects."""
-    published = run.published("metrics")
-    if published is not None:
-        return [
-            MetricRow(**row) for row in published.to_pylist() if station in (None, row["station"])
-        ]
     stored = _stored(run, stored_metrics)
     if stored is not None:
         return [row for row in stored if station in (None, row.station)]
@@ -122,9 +117,7 @@ def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
 
     Raises `RecordError`.
     """
-    stored = run.published("joints")
-    if stored is None:
-        stored = _stored(run, stored_joints)
+    stored = _stored(run, stored_joints)
     if stored is None:
         return _concatenated([one.joint_table() for one in _measured(run, station)])
     return stored if station is None else stored.filter(pc.equal(stored["station"], station))

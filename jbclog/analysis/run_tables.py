@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 
 from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import SCHEMA_VERSION, StationFacts
 from jbclog.core.text import shortened, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
@@ -38,7 +38,7 @@ from jbclog.record.parts import (
     parts_through,
     summary_of,
 )
-from jbclog.record.schema import FIRST_IN, SCHEMAS
+from jbclog.record.schema import SCHEMAS, lacking_in
 from jbclog.record.sealed_files import expect_manifest_unchanged, seals_of
 from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
@@ -199,7 +199,7 @@ class RunTables:
 
     @property
     def place(self) -> str:
-        """Where the run is, as messages show it: its folder, or its place in a store."""
+        """Where the run is, as messages show it."""
         return str(self.folder)
 
     @property
@@ -406,10 +406,6 @@ class RunTables:
     def _late_serials(self, manifest: Manifest) -> list[str]:
         return late_serials(self.folder) if manifest.is_sealed else []
 
-    def published(self, table: str) -> pa.Table | None:
-        """Return the joints or metrics that a store has of the run; None for a run in a folder."""
-        return None
-
     def groups(
         self,
         table: str,
@@ -462,10 +458,6 @@ class RunTables:
     ) -> Selection:
         """Return a selection. Raises `UsageError` for an unknown station, port or column."""
         self.expect_place(station, port)
-        later = [name for name in columns or () if (table, name) in FIRST_IN]
-        if later and self.manifest.schema < max(FIRST_IN[table, name] for name in later):
-            names = ", ".join(later)
-            self._say_once(f"{table}: {names} not recorded by the version that made the run")
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
@@ -495,8 +487,11 @@ class RunTables:
                     f"{store.rows} rows in its live store are read now; this takes longer than from"
                     " a sealed run"
                 )
+            sealed = [part for part in parts if selection.may_have(part, seals.get(part))]
+            if manifest.schema < SCHEMA_VERSION:
+                self._say_lacking(selection, sealed, seals)
             groups = groups_of(
-                [part for part in parts if selection.may_have(part, seals.get(part))],
+                sealed,
                 selection.needed,
                 coded=selection.coded,
                 wanted=selection.wanted,
@@ -509,6 +504,17 @@ class RunTables:
             self._say_once(
                 f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}"
             )
+
+    def _say_lacking(self, selection: Selection, sealed: Sequence[Path], seals: Seals) -> None:
+        """Say which columns the version that made the run did not record, if any is selected."""
+        for part in sealed[:1]:
+            with open_part(part, seals.get(part)) as file:
+                lacking = lacking_in(selection.table, file.schema.names)
+            if any(name in selection.needed for name in lacking):
+                names = ", ".join(lacking)
+                self._say_once(
+                    f"{selection.table}: {names} not recorded by the version that made the run"
+                )
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:

@@ -10,19 +10,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from math import isclose
 from pathlib import Path
-from typing import Final, Generic, Protocol, TypeVar, cast, overload
+from typing import Final, TypeVar, cast, overload
 
 import pandas as pd
 import pyarrow as pa
 
-from jbclog.analysis.fleet.engine import MUCH_RUNS, engine_of
 from jbclog.analysis.notebook_html import runs_html
-from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.opening import open_run
+from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import Moment, utc
 from jbclog.analysis.stored_tables import (
     JOINTS_SCHEMA,
@@ -32,14 +33,15 @@ from jbclog.analysis.stored_tables import (
     metric_table,
     stored_metrics,
 )
-from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
+from jbclog.analysis.workers import HERE, OfRun, Workers, why_unreadable
+from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import count_text, shortened
-from jbclog.record.find_runs import ALL, SEALED, Copy, Filter, Found, Unreadable, find, once
+from jbclog.record.find_runs import ALL, SEALED, Copy, Filter, Found, Unreadable, once
 from jbclog.record.manifest import manifest_sha256
+from jbclog.record.published import Tree, TreePath, find_in, is_table
 
 T = TypeVar("T")
 
-TOGETHER: Final = 8  # runs opened by one task
 MOST_SAID: Final = 500  # characters of the reason why a run cannot be read
 TEXTS: Final = (
     "run",
@@ -61,23 +63,6 @@ WHAT_A_RATE_CHANGES: Final = (
 )
 
 
-class Source(Protocol):
-    """Finds runs and returns their metrics."""
-
-    def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-        """Yield the matching runs, as `find_runs.find` does."""
-        ...
-
-    def metrics(
-        self, run: Found, names: Collection[str], station: str | None = None
-    ) -> list[MetricRow]:
-        """Return at least the metrics `names` of a run, of one station or of all.
-
-        Raises `RecordError`.
-        """
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Records:
     """Runs in their own folders. `stored`: use the metrics of reports; `cache`: use those that the
@@ -88,17 +73,25 @@ class Records:
     cache: bool = False
 
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-        return find(folder, wanted)
+        return find_in(folder, wanted)
 
     def metrics(
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
-        known = self.known(run)
+        known = None if isinstance(run.folder, TreePath) else self.known(run)
         if known is not None:
             return [row for row in known if row.metric in names and station in (None, row.station)]
-        from jbclog.analysis.run_metrics import computed_metrics, metric_rows_of
+        return self.of(open_run(run.folder), station)
 
-        return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)
+    def of(self, run: Run, station: str | None = None) -> list[MetricRow]:
+        """Return the metrics of an opened run. Raises `RecordError`."""
+        if run.manifest.is_sealed:
+            known = self._left(run.folder, manifest_sha256(run.folder))
+            if known is not None:
+                return [row for row in known if station in (None, row.station)]
+        from jbclog.analysis.run_metrics import computed_metrics
+
+        return computed_metrics(run, station)
 
     def known(self, run: Found) -> list[MetricRow] | None:
         """Return the metrics that a report or the recorder left; None if missing or of another run.
@@ -109,63 +102,17 @@ class Records:
             return None
         if manifest_sha256(run.folder) != run.manifest_sha256:
             return None
-        known = stored_metrics(run.folder, run.manifest_sha256) if self.stored else None
-        return (
-            cached_metrics(run.folder, run.manifest_sha256)
-            if known is None and self.cache
-            else known
-        )
+        return self._left(run.folder, run.manifest_sha256)
+
+    def _left(self, folder: Path, sha256: str) -> list[MetricRow] | None:
+        """Return the metrics in a sealed run's folder."""
+        known = stored_metrics(folder, sha256) if self.stored else None
+        if known is None and self.cache:
+            return cached_metrics(folder, sha256)
+        return known
 
 
 RECORDS: Final = Records()
-
-
-class Together(Protocol):
-    """A group of runs, sent to the process that opens them."""
-
-    def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield a function for each run that opens it."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class FoldersTogether:
-    """Runs in folders, which have the same path in every process."""
-
-    folders: tuple[Path, ...]
-
-    def openers(self) -> Iterator[Callable[[], Run]]:
-        """Yield a function for each run that opens it."""
-        return (partial(open_run, folder) for folder in self.folders)
-
-
-@dataclass(frozen=True, slots=True)
-class OfEach(Generic[T]):
-    """Calls a function for each run of a group. An error of type `caught` is stored for its run;
-    any other ends the work.
-    """
-
-    function: Callable[[Run], T]
-    caught: type[Exception]
-
-    def __call__(self, those: Together) -> list[tuple[T | None, str | None]]:
-        """Return for each run the result and None, or None and why it cannot be read."""
-        return [self._one(opener) for opener in those.openers()]
-
-    def _one(self, opener: Callable[[], Run]) -> tuple[T | None, str | None]:
-        try:
-            return self.function(opener()), None
-        except UsageError:
-            raise
-        except (RecordError, self.caught) as error:
-            return None, _why_unreadable(error)
-
-
-def _why_unreadable(error: Exception) -> str:
-    """Return why a run cannot be read; foreign rows can raise anything."""
-    if isinstance(error, RecordError):
-        return str(error)
-    return f"its tables cannot be read: {unexpected_error_text(error)}"
 
 
 class Runs(Sequence[Run]):
@@ -176,10 +123,13 @@ class Runs(Sequence[Run]):
     be read, so that it is not known whether they match, and those that `each` could not read.
     """
 
-    def __init__(self, folder: Path, wanted: Filter, source: Source = RECORDS) -> None:
+    def __init__(
+        self, folder: Path, wanted: Filter, source: Records = RECORDS, workers: Workers = HERE
+    ) -> None:
         self.folder = folder
         self.wanted = wanted
         self.source = source
+        self.workers = workers
 
     @cached_property
     def _search(self) -> tuple[list[Found], list[Unreadable]]:
@@ -215,9 +165,9 @@ class Runs(Sequence[Run]):
         """Search again and return the runs that match now."""
         return self.through(self.source)
 
-    def through(self, source: Source) -> Runs:
+    def through(self, source: Records) -> Runs:
         """Search again with another source of runs and metrics."""
-        return Runs(self.folder, self.wanted, source)
+        return Runs(self.folder, self.wanted, source, self.workers)
 
     def __len__(self) -> int:
         return len(self.found)
@@ -298,6 +248,8 @@ class Runs(Sequence[Run]):
         self, station: str | None = None, names: Collection[str] | None = None
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each readable run with its rows of `metrics`, at least those of `names`."""
+        if self.workers != HERE:
+            return self._mapped(partial(self.source.of, station=station), Exception)
         return self.each(
             lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station)
         )
@@ -312,7 +264,7 @@ class Runs(Sequence[Run]):
             except UsageError:
                 raise
             except Exception as error:
-                self._add_unreadable(one.folder, _why_unreadable(error))
+                self._add_unreadable(one.folder, why_unreadable(error))
             else:
                 yield one, read_here
 
@@ -326,52 +278,27 @@ class Runs(Sequence[Run]):
             raise UsageError(f"no run has a station {station!r}; there are {', '.join(names)}")
         return those
 
-    def map(
-        self, function: Callable[[Run], T], scheduler: str | None = None
-    ) -> Iterator[tuple[Found, T]]:
+    def map(self, function: Callable[[Run], T]) -> Iterator[tuple[Found, T]]:
         """Yield each run, in order, with the result of `function`; a run that cannot be read is
         added to `unreadable`.
 
-        `scheduler` (``tcp://HOST:PORT`` or ``tls://HOST:PORT``) is a Dask scheduler whose workers
-        call the function and open the runs by the same path. Without one, 64 runs or more are
-        spread over processes of this computer; guard such a script by ``if __name__ ==
-        "__main__":``. Other exceptions of the function propagate. Raises `RecordError` if the
-        scheduler is lost.
+        The function is called here, in processes, or on a scheduler: see `open_runs`. A
+        script that starts processes does so below ``if __name__ == "__main__":``. Its other
+        exceptions propagate. Raises `RecordError` if the scheduler is lost.
         """
-        return self._mapped(function, self.found, scheduler, RecordError)
-
-    def on(self, scheduler: str | None) -> Runs:
-        """Search again, and let the workers of a scheduler compute.
-
-        Raises `UsageError` here: a scheduler reads stores only.
-        """
-        if scheduler is None:
-            return self.refreshed()
-        raise UsageError(
-            f"{self.folder} is a folder of runs, and a scheduler reads stores; `jbclog publish"
-            f" {self.folder} STORE` makes one"
-        )
+        return self._mapped(function, RecordError)
 
     def _mapped(
-        self,
-        function: Callable[[Run], T],
-        those: Sequence[Found],
-        scheduler: str | None,
-        caught: type[Exception],
+        self, function: Callable[[Run], T], caught: type[Exception]
     ) -> Iterator[tuple[Found, T]]:
-        groups = [those[start : start + TOGETHER] for start in range(0, len(those), TOGETHER)]
-        engine = engine_of(scheduler, is_much=len(those) >= MUCH_RUNS)
-        for group, results in zip(
-            groups, engine.run(OfEach(function, caught), map(self._together, groups)), strict=True
-        ):
-            for one, (result, why) in zip(group, results, strict=True):
-                if why is None:
-                    yield one, cast(T, result)
-                else:
-                    self._add_unreadable(one.folder, why)
-
-    def _together(self, those: Sequence[Found]) -> Together:
-        return FoldersTogether(tuple(one.folder.absolute() for one in those))
+        found = self.found
+        paths = [str(one.folder.absolute()) for one in found]
+        results = self.workers.map(OfRun(function, caught), paths)
+        for one, (result, why) in zip(found, results, strict=True):
+            if why is None:
+                yield one, cast(T, result)
+            else:
+                self._add_unreadable(one.folder, why)
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return self.source.metrics(found, METRIC_NAMES, station)
@@ -417,6 +344,40 @@ def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.D
     )
     table.insert(0, "run", names)
     return table
+
+
+def open_runs(
+    folder: str | os.PathLike[str] = "runs",
+    *,
+    since: Moment | None = None,
+    until: Moment | None = None,
+    tags: Mapping[str, str] | None = None,
+    processes: int = 1,
+    scheduler: str | None = None,
+    **texts: str | None,
+) -> Runs:
+    """Find the runs below `folder`, or published runs (also ``s3://BUCKET/PATH``), that match all
+    conditions.
+
+    - `since`, `until`: start of the run, UTC if without a zone; `since` is included, `until` is not
+    - `tags`: names and values that the run must have
+    - `texts`: `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
+      `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; the whole text must
+      match, ``*`` stands for any characters
+    - `processes`, `scheduler`: where `Runs.map` calls its function: in so many processes of this
+      computer, or by the workers of a Dask scheduler at ``tcp://HOST:PORT`` or ``tls://HOST:PORT``
+
+    Raises `UsageError` for an unknown condition, or an address that none is; `RecordError` if
+    `folder` does not exist.
+    """
+    workers = Workers(processes, scheduler)
+    wanted = filter_of(since, until, tags, texts)
+    if is_table(folder):
+        return Runs(Tree.at(folder).path, wanted, RECORDS, workers)
+    path = Path(folder)
+    if not path.is_dir():
+        raise RecordError(f"{path} is missing, or not a folder")
+    return Runs(path, wanted, RECORDS, workers)
 
 
 def filter_of(

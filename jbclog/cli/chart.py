@@ -32,7 +32,10 @@ if TYPE_CHECKING:
 @reports_errors
 def chart(
     source: Path = typer.Argument(
-        ..., metavar="RUN|DIR", help="Run folder, or folder of runs.", show_default=False
+        ...,
+        metavar="RUN|DIR|TABLE",
+        help="Run, folder of runs, or published runs.",
+        show_default=False,
     ),
     metric: str = typer.Option(
         "recovery_s",
@@ -121,14 +124,14 @@ def chart(
 
 def _is_run(source: Path) -> bool:
     """Return whether `source` is one run; else it is a folder of runs. Raises `UsageError`."""
-    from jbclog.analysis.store.place import is_in_store, is_store
+    from jbclog.record.published import is_published, is_table
     from jbclog.record.recover import is_run
 
-    if is_in_store(source):
+    if is_published(source):
         return True
     if not is_runs(source):
         raise UsageError(NO_FOLDER.format(source))
-    if is_store(source) or not is_run(Path(os.path.realpath(source))):
+    if is_table(source) or not is_run(Path(os.path.realpath(source))):
         return False
     expect_run(source)
     return True
@@ -149,7 +152,8 @@ def _measured(
 ) -> list[Charted]:
     with without_collector():
         from jbclog.analysis.charts import OF_VALUES, charted, series_of_run, series_of_runs
-        from jbclog.analysis.opening import open_run, open_runs
+        from jbclog.analysis.opening import open_run
+        from jbclog.analysis.runs import open_runs
         from jbclog.analysis.spc import ALL_TESTS, DEFAULT_TESTS
         from jbclog.analysis.trend import expect_limits
 
@@ -174,7 +178,8 @@ def _measured(
 def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted | Ranked:
     with without_collector():
         from jbclog.analysis import count_charts
-        from jbclog.analysis.opening import open_run, open_runs
+        from jbclog.analysis.opening import open_run
+        from jbclog.analysis.runs import open_runs
         from jbclog.config.durations import EXAMPLES, span_s
 
     possible = count_charts.COUNTED[metric]
@@ -213,6 +218,9 @@ def _print(
     as_json: bool,
 ) -> None:
     from jbclog.analysis.chart_words import facts, lines
+    from jbclog.record.published import shown_path
+
+    source = shown_path(source)
 
     if as_json:
         echo_json(

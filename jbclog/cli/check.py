@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import expect_run
+from jbclog.cli.options import expect_run_or_published
 from jbclog.cli.output import echo, echo_json, reports_errors
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
@@ -15,7 +15,7 @@ from jbclog.core.text import count_text
 
 @reports_errors
 def check(
-    run: Path = options.RUN,
+    run: Path = options.RUN_OR_PUBLISHED,
     head: str | None = typer.Option(
         None,
         "--head",
@@ -28,59 +28,64 @@ def check(
     """Check a run's integrity.
 
     Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the
-    rules of the run's version. Compares stored joints with the bounds that the raw power sets.
-    Compares what the report repeats of the record (its joints, metrics
-    and figures: report --verify). Checks the previous and next run on the same line if they are in
+    rules of this version. Compares stored joints with the bounds that the raw power sets.
+    Checks the previous and next run on the same line if they are in
     the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
     of which something is not compared. The last line shows the run's fingerprint, to compare with a
-    printed report.
+    printed report. A published run (TABLE/RUN) is copied and checked without its report.
 
     \b
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
-    from jbclog.analysis.joint_bounds import beyond_bounds
-    from jbclog.analysis.rejudge import check_verdict
-    from jbclog.analysis.run import open_run
-    from jbclog.record.annotations import REPORT
-    from jbclog.record.chains import HEAD, SHOWN, digits, short_head
-    from jbclog.record.check import Finding
-    from jbclog.record.check import check as check_run
-    from jbclog.record.cross_check import uncovered
-    from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
-    from jbclog.report.agreement import compare_report
+    from jbclog.record.chains import HEAD
+    from jbclog.record.published import whole_run
 
     if head is not None and not HEAD.fullmatch(head):
         raise UsageError(
             f"--head {head}: give the fingerprint as the report shows it, such as"
             " 3f2a-91bc-77de-0a12-5c08-b6e1"
         )
-    expect_run(run)
-    found, notes, bare = check_run(run, head), list[str](), list[tuple[str, str]]()
-    if not found:  # a changed record would change the verdict and the report, too
-        verdict, (differing, not_compared) = (
-            check_verdict(run, read_manifest(run)),
-            compare_report(run),
-        )
+    expect_run_or_published(run)
+    with whole_run(run) as folder:
+        _check(run, folder, head, as_json=as_json)
+
+
+def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
+    """Check the run in `folder`, which is `run`, or a copy of that published run."""
+    from jbclog.analysis.joint_bounds import beyond_bounds
+    from jbclog.analysis.rejudge import check_verdict
+    from jbclog.analysis.run import open_run
+    from jbclog.record.chains import SHOWN, digits, short_head
+    from jbclog.record.check import Finding
+    from jbclog.record.check import check as check_run
+    from jbclog.record.cross_check import uncovered
+    from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
+    from jbclog.record.published import shown_path
+
+    found = check_run(folder, head, with_report=folder == run)
+    notes: list[str] = []
+    bare: list[tuple[str, str]] = []
+    if not found:  # a changed record would change the verdict, too
+        verdict = check_verdict(folder, read_manifest(folder))
         found = [
             *(Finding(NAME, text) for text in verdict.differing),
-            *(Finding(REPORT, text) for text in differing),
-            *(Finding("joints", text) for text in beyond_bounds(open_run(run))),
+            *(Finding("joints", text) for text in beyond_bounds(open_run(folder))),
         ]
-        notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
-    if read_manifest(run).is_sealed:
-        bare += uncovered(run, head)
+        notes = verdict.notes
+    if read_manifest(folder).is_sealed:
+        bare += uncovered(folder, head)
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
-    apart += ["verdict not recomputed in full"] * bool(notes)
+    apart += ["verdict not recomputed"] * bool(notes)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")
-    own = manifest_sha256(run)
+    own, place = manifest_sha256(folder), shown_path(run)
     if as_json:
         findings = [str(finding) for finding in found]
         echo_json(
             {
-                "run": str(run),
+                "run": str(place),
                 "agrees": not found,
                 "findings": findings,
                 "notes": notes,
@@ -91,6 +96,6 @@ def check(
         echo(*notes, *map(str, found))
         none = "no differences" + f" in what is covered; {', '.join(apart)}" * bool(apart)
         result = count_text(len(found), "finding") if found else none
-        echo(f"{run}: {result} (fingerprint {short_head(own)})")
+        echo(f"{place}: {result} (fingerprint {short_head(own)})")
     if found:
         raise typer.Exit(1)

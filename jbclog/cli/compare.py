@@ -8,7 +8,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.loading import drawing, without_collector
-from jbclog.cli.options import expect_chart_place, expect_run
+from jbclog.cli.options import expect_chart_place, expect_run_or_published
 from jbclog.cli.output import echo, echo_json, reports_errors, save_figure
 from jbclog.core.text import exact_figures
 
@@ -16,10 +16,10 @@ from jbclog.core.text import exact_figures
 @reports_errors
 def compare(
     first: Path = typer.Argument(
-        ..., metavar="RUN", help="Run folder, or STORE/RUN.", show_default=False
+        ..., metavar="RUN", help="Run folder, or TABLE/RUN.", show_default=False
     ),
     second: Path = typer.Argument(
-        ..., metavar="RUN", help="Other run folder, or STORE/RUN.", show_default=False
+        ..., metavar="RUN", help="Other run folder, or TABLE/RUN.", show_default=False
     ),
     margin: float = typer.Option(2.0, metavar="C", help="Equivalence margin of idle means, in °C."),
     plot: Path | None = options.PLOT,
@@ -35,11 +35,8 @@ def compare(
     Example:
       jbclog compare runs/20261121T013000Z-bench-3-k7qd runs/20261122T013000Z-bench-3-m4tz --plot both.png
     """  # noqa: E501  # a command is copied as one line
-    from jbclog.analysis.store.place import is_in_store
-
     for run in (first, second):
-        if not is_in_store(run):
-            expect_run(run)
+        expect_run_or_published(run)
     expect_chart_place(plot)
     with without_collector():
         from jbclog.analysis.compare import compare as compared

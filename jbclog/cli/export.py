@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import expect_run
+from jbclog.cli.options import expect_run_or_published
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
 
@@ -44,7 +44,7 @@ FOLDERS: Final = (Format.CSV, Format.QDAS)
 
 @reports_errors
 def export(
-    run: Path = options.RUN,
+    run: Path = options.RUN_OR_PUBLISHED,
     to: Format = typer.Option(
         ..., "--to", metavar="csv|xlsx|mf4|qdas", help="Format.", show_default=False
     ),
@@ -79,22 +79,24 @@ def export(
     Example:
       jbclog export runs/20261121T013000Z-bench-3-k7qd --to xlsx --out run.xlsx
     """
-    expect_run(run)
+    expect_run_or_published(run)
     write = _writer(to)
     from jbclog.analysis.run import open_run
     from jbclog.app.export.place import expect_place, written
     from jbclog.app.export.source import Source, expect_whole
+    from jbclog.record.published import shown_path, whole_run
 
     place = _default_place(run, to) if out is None else out
     expect_place(place, run, is_folder=to in FOLDERS, force=force)
-    opened = open_run(run)
     _expect_tables(to, table)
-    if not unchecked:
-        expect_whole(opened)
-    source = Source(opened, table, is_checked=not unchecked)
-    with written(place) as aside:
-        rows = write(source, aside)
-    _print(run, to, place, rows, is_checked=not unchecked, as_json=as_json)
+    with whole_run(run) as folder:
+        opened = open_run(folder)
+        if not unchecked:
+            expect_whole(opened, with_report=folder == run)
+        source = Source(opened, table, is_checked=not unchecked)
+        with written(place) as aside:
+            rows = write(source, aside)
+    _print(shown_path(run), to, place, rows, is_checked=not unchecked, as_json=as_json)
 
 
 def _writer(to: Format) -> Callable[[Source, Path], dict[str, int]]:

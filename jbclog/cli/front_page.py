@@ -36,7 +36,7 @@ COMMANDS = {
         "batch": "Run a queue of jobs on the stations of a line.",
         "safe": "Put every tool of a line in its safe state, now.",
         "recover": "Finish runs that a crash left open.",
-        "replay": "Replay a run recorded with --capture, or reproduce it.",
+        "replay": "Reproduce a run recorded with --capture, and compare it.",
     },
     "Stations": {
         "init": "Write a first line file and recipe, by questions.",
@@ -57,8 +57,7 @@ COMMANDS = {
         "trend": "Show a metric over many runs: control chart, capability.",
         "chart": "Show control charts and capability within a run or over runs.",
         "limits": "Learn fixed control limits from stable runs, or show them.",
-        "publish": "Publish sealed runs into a plant's store.",
-        "store": "Check a plant's store, join its small files, or free space.",
+        "publish": "Copy sealed runs into a plant's folder or S3.",
     },
     "Maintain": {
         "verify": "Record a tip verification against an external thermometer.",

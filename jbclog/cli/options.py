@@ -47,10 +47,10 @@ def is_folder(path: Path) -> bool:
 
 
 def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder or a store of runs."""
-    from jbclog.analysis.store.place import is_store  # not imported by --help
+    """Return whether `path` is a folder, or a table of published runs."""
+    from jbclog.record.published import is_table  # not imported by --help
 
-    return is_store(path) or is_folder(path)
+    return is_table(path) or is_folder(path)
 
 
 def expect_file_place(option: str, path: Path | None) -> None:
@@ -86,6 +86,14 @@ def expect_run(folder: Path) -> None:
             f"{folder}: no manifest, the run was cut off at its start; finish it with `jbclog"
             f" recover {folder}`"
         )
+
+
+def expect_run_or_published(path: Path) -> None:
+    """As `expect_run`; ``TABLE/RUN`` is accepted, too."""
+    from jbclog.record.published import is_published  # not imported by --help
+
+    if not is_published(path):
+        expect_run(path)
 
 
 # -- options ---------------------------------------------------------------------------------------
@@ -142,12 +150,15 @@ UNTIL_JOINTS = typer.Option(
     help="End after N joints, all stations together.",
     show_default=False,
 )
-RUNS_OR_STORE = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store.")
-STORE = typer.Argument(
-    ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
+RUNS = typer.Argument(Path("runs"), metavar="DIR", help="Folder of runs.")
+RUNS_OR_TABLE = typer.Argument(
+    Path("runs"), metavar="DIR|TABLE", help="Folder of runs, or published runs."
 )
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs.")
 RUN = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False)
+RUN_OR_PUBLISHED = typer.Argument(
+    ..., metavar="RUN", help="Run folder, or TABLE/RUN.", show_default=False
+)
 STATION_NAMED = typer.Argument(
     ...,
     metavar="STATION",

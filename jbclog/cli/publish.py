@@ -1,11 +1,8 @@
-"""`jbclog publish`: sealed runs into a plant's store."""
+"""`jbclog publish`: copies of sealed runs for every reader of Parquet."""
 
 from __future__ import annotations
 
-import os
-import signal
-import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -13,110 +10,113 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, is_folder
+from jbclog.cli.options import NO_FOLDER, expect_run, is_folder
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.operating_system import lower_priority
 from jbclog.core.outcome import Exit
-from jbclog.transport.signals import Signals
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
-    from jbclog.app.publish.folder import Skipped
-    from jbclog.app.publish.follow import Follower, Trouble
-    from jbclog.app.publish.publisher import Outcome
+    from jbclog.app.publish import Outcome
+    from jbclog.record.published import Tree
 
 NICENESS: Final = 10
 
 
 @reports_errors
 def publish(
-    path: Path = typer.Argument(
-        ..., metavar="RUN|DIR", help="Sealed run, or folder of runs.", show_default=False
+    runs: list[Path] = typer.Argument(..., metavar="RUN", help="Sealed runs.", show_default=False),
+    table: Path = typer.Argument(
+        ..., metavar="TABLE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
     ),
-    store: Path = options.STORE,
-    follow: bool = typer.Option(
-        False, "--follow", help="Keep publishing what is sealed or annotated in DIR, until Ctrl-C."
+    is_all: bool = typer.Option(
+        False, "--all", help="Publish every sealed run in these folders that is missing."
+    ),
+    check: bool = typer.Option(
+        False, "--check", help="Compare with what is published; copy nothing."
     ),
     as_json: bool = options.JSON_PER_RUN,
 ) -> None:
-    """Publish sealed runs into a plant's store.
+    """Copy sealed runs into a plant's folder or S3.
 
-    The store is a set of Delta Lake tables, which pandas, DuckDB, Polars and Spark read without
-    jbclog. A run is checked first, and published once and whole: publishing it again changes
-    nothing; after an annotation it adds a version. Several computers may publish at the same time.
-    Refuses a place where one could overwrite another's commit. Credentials of S3 come from the
-    environment (AWS_ACCESS_KEY_ID and others). Exit code 4: a run was refused, or the store is
-    away. With --follow a store that goes away is tried again until it is back.
+    Copies the files of each run, byte for byte, into folders by table, line and month, the manifest
+    last. pandas, Polars, DuckDB and PyArrow read them, and so do runs, trend, chart, compare, check
+    and export. Publishing a run again changes nothing; after an annotation it copies the
+    annotations. Refuses a file that differs from its SHA-256 in the manifest, and a run that is
+    there with another manifest. Credentials of S3 come from the environment (AWS_ACCESS_KEY_ID and
+    others). Exit code 4: a run was refused, or TABLE cannot be written. Exit code 1 with --check: a
+    difference.
 
     \b
     Example:
-      jbclog publish runs /data/plant
+      jbclog publish --all runs /data/plant
     """
-    if not is_folder(path):
-        raise UsageError(NO_FOLDER.format(path))
-    from jbclog.analysis.store.place import expect_library, place_of
+    from jbclog.record.published import Tree
 
-    place = place_of(store)
-    expect_library()
-    from jbclog.app.publish.folder import publish_all
-    from jbclog.app.publish.follow import Follower
-    from jbclog.app.publish.publisher import Publisher
+    tree = Tree.at(table)
+    folders = [*(_sealed_in(runs) if is_all else _runs(runs))]
+    if check:
+        _check(folders, tree, as_json=as_json)
+        return
+    from jbclog.app.publish import try_publish
 
-    os.nice(NICENESS)  # on a busy machine the recorder comes first
-    with Publisher(place) as publisher:
-        if follow:
-            _follow(Follower(publisher, path), as_json=as_json)
-        refused = 0 if follow else _print(publish_all(publisher, path), as_json=as_json)
+    lower_priority(NICENESS)  # on a busy machine the recorder comes first
+    refused = _print((try_publish(folder, tree) for folder in folders), tree, as_json=as_json)
     if refused:
         raise typer.Exit(Exit.RECORD)
 
 
-def _follow(follower: Follower, *, as_json: bool) -> None:
-    """Publish until SIGINT, which is the normal end, or SIGTERM."""
-    ended: list[signal.Signals] = []
-
-    def end(number: signal.Signals) -> None:
-        ended.append(number)
-        raise KeyboardInterrupt
-
-    with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
-        try:
-            signals.notify(end)
-            note("publishing what is sealed; Ctrl-C ends it")
-            while True:
-                _print(follower.poll(), as_json=as_json)
-                time.sleep(follower.pause_s)
-        except KeyboardInterrupt:
-            raise typer.Exit(Exit.TERMINATED if signal.SIGTERM in ended else Exit.FINE) from None
+def _runs(paths: Iterable[Path]) -> Iterator[Path]:
+    for path in paths:
+        expect_run(path)
+        yield path
 
 
-def _print(those: Iterable[Outcome | Skipped | Trouble], *, as_json: bool) -> int:
+def _sealed_in(homes: Iterable[Path]) -> Iterator[Path]:
+    """Yield the sealed runs in some folders; the others are noted."""
+    from jbclog.record.find_runs import SEALED, Unreadable, find
+
+    for home in homes:
+        if not is_folder(home):
+            raise UsageError(NO_FOLDER.format(home))
+        for found in find(home):
+            if isinstance(found, Unreadable):
+                note(f"{found.folder}: {found.why}")
+            elif found.state != SEALED:
+                note(f"{found.folder}: {found.state}, not published")
+            else:
+                yield found.folder
+
+
+def _print(outcomes: Iterable[Outcome], tree: Tree, *, as_json: bool) -> int:
     """Print the outcome of each run; return how many were refused."""
-    from jbclog.app.publish.folder import Skipped
-    from jbclog.app.publish.follow import Trouble
-
     refused = 0
-    for one in those:
-        if isinstance(one, Trouble):
-            note(str(one))
-            continue
-        if isinstance(one, Skipped):
-            refused += not one.is_open
-            note(str(one))
-        elif not as_json:
-            echo(str(one))
+    for outcome in outcomes:
+        refused += outcome.refused is not None
         if as_json:
-            echo_json(_facts(one))
+            echo_json({**asdict(outcome), "table": str(tree)})
+        elif outcome.refused is not None:
+            note(str(outcome))
+        else:
+            echo(str(outcome))
     return refused
 
 
-def _facts(one: Outcome | Skipped) -> dict[str, object]:
-    from jbclog.app.publish.folder import Skipped
+def _check(folders: Iterable[Path], tree: Tree, *, as_json: bool) -> None:
+    from jbclog.app.publish import differences
 
-    if isinstance(one, Skipped):
-        return {
-            "run": str(one.folder),
-            "result": "skipped" if one.is_open else "refused",
-            "version": None,
-            "why": str(one),
-        }
-    return {**asdict(one), "why": None}
+    compared = count = 0
+    for folder in folders:
+        found = differences(folder, tree)
+        compared += 1
+        count += len(found)
+        if as_json:
+            echo_json({"run": str(folder), "table": str(tree), "differences": found})
+        else:
+            echo(*found)
+    if not as_json:
+        result = count_text(count, "difference") if count else "no differences"
+        echo(f"{tree}: {result} ({count_text(compared, 'run')})")
+    if count:
+        raise typer.Exit(1)

@@ -38,13 +38,11 @@ NOTHING: Final = "-"
 # the values of `Verdict` (analysis/verdict/verdict.py), which is slow to import
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
-# states in the manifest, which release 1 showed
-OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 
 @reports_errors
 def runs(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS_OR_TABLE,
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
     order: str | None = options.ORDER,
     product: str | None = options.PRODUCT,
@@ -85,13 +83,13 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
-    from jbclog.analysis.store.place import is_store, place_of
-    from jbclog.record.find_runs import Filter, find
+    from jbclog.record.find_runs import Filter
+    from jbclog.record.published import find_in, shown_path
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
-    _expect_word("--state", state, STATES, OLD_STATES)
+    _expect_word("--state", state, STATES)
     wanted = Filter(
         operator=operator,
         order=order,
@@ -109,15 +107,8 @@ def runs(
         since=moment("--since", since),
         until=moment("--until", until, is_end=True),
     )
-    if is_store(folder):
-        from jbclog.analysis.store.reader import Store
-
-        place = place_of(folder)
-        those: Iterable[Found | Unreadable] = [one.found for one in Store(place).runs(wanted)]
-        _print(those, place.path, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
-        return
-    those = find(folder, wanted)
-    _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+    those = find_in(folder, wanted)
+    _print(those, shown_path(folder), unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def _expect_word(

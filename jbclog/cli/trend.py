@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @reports_errors
 def trend(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS_OR_TABLE,
     metric: str = typer.Option(
         "idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."
     ),
@@ -40,7 +40,7 @@ def trend(
         None, "--html", metavar="FILE", help="HTML page with chart and table."
     ),
     scheduler: str | None = typer.Option(
-        None, metavar="ADDRESS", help="Dask scheduler, whose workers read a store: tcp://HOST:8786."
+        None, metavar="ADDRESS", help="Dask scheduler whose workers read the runs: tcp://HOST:8786."
     ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = options.AS_JSON,
@@ -66,8 +66,7 @@ def trend(
         from jbclog.analysis.trend import trends
 
     source = Records(stored=False) if no_cache else Records(cache=True)
-    runs = _runs(folder, line, recipe, product, order, since, until).through(source)
-    runs = runs if scheduler is None else runs.on(scheduler)
+    runs = _runs(folder, line, recipe, product, order, since, until, scheduler).through(source)
     found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)
@@ -83,16 +82,24 @@ def _runs(
     order: str | None,
     since: str | None,
     until: str | None,
+    scheduler: str | None,
 ) -> Runs:
     with without_collector():
-        from jbclog.analysis.opening import open_runs
+        from jbclog.analysis.runs import open_runs
         from jbclog.cli.runs import moment
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     begin, end = moment("--since", since), moment("--until", until, is_end=True)
     return open_runs(
-        folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end
+        folder,
+        line=line,
+        recipe=recipe,
+        product=product,
+        order=order,
+        since=begin,
+        until=end,
+        scheduler=scheduler,
     )
 
 

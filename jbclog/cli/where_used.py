@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, is_runs
+from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
@@ -22,7 +22,7 @@ HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
 @reports_errors
 def where_used(
-    folder: Path = options.RUNS_OR_STORE,
+    folder: Path = options.RUNS,
     station: str = typer.Option(
         ..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False
     ),
@@ -50,42 +50,20 @@ def where_used(
     """List the runs that used a tip since its last pass.
 
     Starts from the last failed verification: lists every run between the pass before it and the
-    pass after it, with its units where they are known. A store has no verifications: give their
-    folder, or a time. Exit code 1: a manifest or the file of verifications cannot be read, so the
-    list may be incomplete.
+    pass after it, with its units where they are known. Exit code 1: a manifest or the file of
+    verifications cannot be read, so the list may be incomplete.
 
     \b
     Example:
       jbclog where-used --station dde-1 --port 1
     """
-    from jbclog.analysis.store.place import is_store, place_of
     from jbclog.cli.runs import moment
     from jbclog.maintenance.suspect_runs import where_used as suspects
     from jbclog.record.find_runs import find
 
-    if not is_runs(folder):
+    if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    if is_store(folder):
-        if since is None and verifications is None:
-            raise UsageError(
-                "a store has no verifications: give --verifications DIR, or --since TIME"
-            )
-        from jbclog.analysis.store.runs import StoredFolders
-
-        place = place_of(folder)
-        runs = StoredFolders(place)
-        found = suspects(
-            place.path,
-            station,
-            port,
-            tip,
-            moment("--since", since),
-            runs.find,
-            verifications,
-            runs.folder_of,
-        )
-    else:
-        found = suspects(folder, station, port, tip, moment("--since", since), find, verifications)
+    found = suspects(folder, station, port, tip, moment("--since", since), find, verifications)
     if as_json:
         echo_json(facts(found))
     else:

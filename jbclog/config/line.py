@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from ipaddress import ip_address
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Final
@@ -67,15 +67,6 @@ def url_problem(value: str) -> str | None:
     if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
         return f"{shown(value)} is not allowed; {scheme}://HOST:PORT"
     return None
-
-
-def is_served_here(url: str) -> bool:
-    """Return True if the URL can serve stations on this machine: a relative path, or a local TCP
-    port.
-    """
-    if is_path(url):
-        return not PurePosixPath(url).is_absolute()
-    return scheme_of(url) == "socket" and is_this_host(urlsplit(url).hostname or "")
 
 
 def tcp_port(url: str) -> str | None:
@@ -223,34 +214,8 @@ class LineTable(Table):
     name: Name = Field(description=NAME_ALLOWED)
 
 
-class Replay(Table):
-    """Set by `jbclog replay`: the stations replay a recorded run at this pace.
-
-    `rate_hz` has the recorded rates by station, `first_tick` the number of the first tick and
-    `first_in_s` the seconds from the last request before it until it was due. `speed` is 1;
-    releases before 3 had other speeds.
-    """
-
-    speed: float = Field(1.0, ge=1.0, le=1.0, description="1")
-    rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(
-        {}, description="Hz by the stations' names"
-    )
-    first_tick: dict[str, Annotated[int, Field(ge=0)]] = Field(
-        {}, description="numbers by the stations' names"
-    )
-    first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field(
-        {}, description="seconds by the stations' names"
-    )
-
-    def begin(self, station: str) -> tuple[int, float] | None:
-        """Return the number of a station's first tick, and the seconds until it is due."""
-        tick, in_s = self.first_tick.get(station), self.first_in_s.get(station)
-        return None if tick is None or in_s is None else (tick, in_s)
-
-
 class LineTables(Table):
     line: LineTable = Field(description='a table with the line\'s name: [line] name = "bench-3"')
-    replay: Replay | None = Field(None, description="a table that `jbclog replay` writes")
     station: Annotated[tuple[dict[str, object], ...], FromList] = Field(
         min_length=1, description="at least one table [[station]] with name, url and family"
     )
@@ -261,7 +226,6 @@ class Line(CheckedFile):
 
     name: str
     stations: tuple[StationSpec, ...]
-    replay: Replay | None = None
 
     def station(self, name: str) -> StationSpec:
         """Return a station by name. Raises KeyError."""
@@ -286,9 +250,7 @@ def parse_line(text: str, path: Path) -> Line:
     if problems or tables is None:
         raise Problems(shortened(problems))
     found = tuple(_resolved(station, path) for station in stations if station is not None)
-    return Line.model_construct(
-        name=tables.line.name, stations=found, source=source, replay=tables.replay
-    )
+    return Line.model_construct(name=tables.line.name, stations=found, source=source)
 
 
 def _read_station(
@@ -388,32 +350,12 @@ Described = tuple[StationTable, str]
 """A station, and the comment above it, or ""."""
 
 
-def line_text(
-    name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None
-) -> str:
+def line_text(name: str, stations: Iterable[Described], heading: str) -> str:
     """Format a line file that `parse_line` reads back as the same stations; texts become
     comments.
     """
     parts = ["\n".join(_station(station, said)) for station, said in stations]
-    return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(
-        parts
-    )
-
-
-def _replay(replay: Replay | None) -> str:
-    if replay is None:
-        return ""
-    tables: dict[str, Mapping[str, float]] = {
-        "rate_hz": replay.rate_hz,
-        "first_tick": replay.first_tick,
-        "first_in_s": replay.first_in_s,
-    }
-    lines = (f"{key} = {{ {_by_name(values)} }}\n" for key, values in tables.items())
-    return f"\n[replay]\n{''.join(lines)}"
-
-
-def _by_name(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{quoted(name)} = {value!r}" for name, value in values.items())
+    return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{''.join(parts)}"
 
 
 def line_comment(text: str) -> str:

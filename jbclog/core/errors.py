@@ -28,7 +28,6 @@
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
     ├── WriteForbidden              a write that the run does not allow; it was not sent
     ├── RecordError                 exit 4: the record is, or would become, incomplete
-    │   └── StoreError              a plant's store cannot be read or written
     └── Unsafe                      exit 5: a tool is not in its safe state
 
 Alarms and faults *of a station* are rows in `events`, not errors.
@@ -251,10 +250,6 @@ class RecordError(JbclogError):
     """The record is, or would become, incomplete."""
 
     exit_code = 4
-
-
-class StoreError(RecordError):
-    """A plant's store cannot be read or written. The published run itself is intact."""
 
 
 class Unsafe(JbclogError):

@@ -44,7 +44,6 @@ class Kind(StrEnum):
     STORE = "a live store"
     RECORD = "a file of a record"
     CACHE = "a cache of metrics"
-    STORE_LOG = "a file of a store's log"
     CHECKPOINT_HINT = "a hint at a checkpoint"
 
 
@@ -68,7 +67,6 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk if sealing fails
         Kind.RECORD: 16 * GIB,
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
-        Kind.STORE_LOG: 64 * MIB,  # a commit of a run takes 3 kB, joining 10 000 files 8 MB
         Kind.CHECKPOINT_HINT: MIB,  # takes 10 kB
     }
 )

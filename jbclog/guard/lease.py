@@ -41,7 +41,7 @@ class StationLease:
     Nothing is written to a station unless it answers `model` and `software`. If the model's name
     does not prove the family, `model_accepted` must hold: the line file accepts the model, and the
     run confirmed the family by reads. `suction`: ports whose suction was last confirmed on, and
-    stays on; leases of the first release lack it.
+    stays on.
     """
 
     name: str
@@ -72,12 +72,15 @@ class StationLease:
     @classmethod
     def from_json(cls, text: str | bytes) -> StationLease:
         """Parse a lease. Raises ValueError, also for a key of a later version, which may forbid
-        what this version would do.
+        what this version would do, and for one that is missing.
         """
         plain = json_of(text)
         lease = _build_station_lease(plain)
-        if unknown := plain.keys() - {one.name for one in fields(cls)}:
+        keys = {one.name for one in fields(cls)}
+        if unknown := plain.keys() - keys:
             raise ValueError(f"unknown keys {', '.join(sorted(unknown))}")
+        if missing := keys - plain.keys():
+            raise ValueError(f"missing keys {', '.join(sorted(missing))}")
         return lease
 
 

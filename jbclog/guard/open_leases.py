@@ -19,7 +19,7 @@ from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
 
 PATIENCE_S: Final = 6.0  # a working guard ends within this
 RETRY_S: Final = 0.1
-# for all runs together: a start waits for it, and a dozen forged leases take half a minute
+# for all runs together: a start waits for it, and a dozen wrong leases take half a minute
 SETTLE_S: Final = 12.0
 
 IsRecording = Callable[[Path], bool]

@@ -11,9 +11,8 @@ Unreadable runs are listed separately: they may be suspect, too.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
-from operator import attrgetter
 from pathlib import Path
 
 from jbclog.core.errors import RecordError, UsageError
@@ -62,14 +61,12 @@ def where_used(
     since: datetime | None = None,
     search: Search = find,
     verifications: Path | None = None,
-    folder_of: Callable[[Found], Path] = attrgetter("folder"),
 ) -> Suspect:
     """Return the runs below `out` that used a tip of `station` since the last passed verification,
     or since `since`.
 
-    `search` finds the runs; the manifest of each run found is read and hashed again, in the folder
-    that `folder_of` returns. `verifications`: the folder of the file of verifications, if not
-    `out`.
+    `search` finds the runs; the manifest of each run found is read and hashed again.
+    `verifications`: the folder of the file of verifications, if not `out`.
 
     Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for
     an unknown station, because a mistyped name would have no suspect runs.
@@ -85,13 +82,11 @@ def where_used(
     for found in search(out):  # without a filter, because an unreadable run may be suspect
         try:
             is_named = isinstance(found, Found) and _is_suspect(found, station, window)
-            run = summary_of(folder_of(found)) if isinstance(found, Found) and is_named else found
+            run = summary_of(found.folder) if isinstance(found, Found) and is_named else found
             if isinstance(run, Unreadable):
                 window.unreadable.append(Unreadable(found.folder, run.why))
             elif run is not None and _is_suspect(run, station, window):
-                window.runs.extend(
-                    replace(used, folder=found.folder) for used in _used(run, station, port, tip)
-                )
+                window.runs.extend(_used(run, station, port, tip))
         except RecordError as error:
             window.unreadable.append(Unreadable(found.folder, str(error)))
     return window

@@ -144,6 +144,11 @@ def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
         return Annotations(head=first, links={first: 0})
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
+    return annotations_in(data, first)
+
+
+def annotations_in(data: bytes, first: str) -> Annotations:
+    """Return the annotations in the bytes of their file; `first` is the hash of the manifest."""
     found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
     lines = lines_in(data)
     vouching = {
@@ -224,4 +229,9 @@ def late_serials(folder: Path) -> list[str]:
         return []
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
-    return [said.what for said in read(folder).said if said.kind == LATE]
+    return late_in(read(folder))
+
+
+def late_in(annotations: Annotations) -> list[str]:
+    """Return the serials that annotations add."""
+    return [said.what for said in annotations.said if said.kind == LATE]

@@ -33,7 +33,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from io import BufferedReader
-from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -52,7 +51,7 @@ from jbclog.record.capture_file import FIXED, Block, Gap, blocks, blocks_in, row
 
 FOLDER: Final = "wire"
 SUFFIX: Final = ".tsv.gz"
-FORMAT: Final = 3  # 2 has no rows of sessions that wait for each other
+FORMAT: Final = 3
 WHOLE: Final = "whole"  # what the manifest says of wires that lack nothing
 COLUMNS: Final = "at_s\twhat\tdata\n"
 RUN: Final = "run"
@@ -124,12 +123,12 @@ def head_line(head: Head) -> str:
 
 
 def read_head(path: Path) -> Head:
-    """Read a capture's head. Raises RecordError if the file is no capture, or of a newer jbclog."""
+    """Read a capture's head. Raises RecordError if the file is no capture, or of another format."""
     try:
         head = _head(path)
     except (ValueError, OSError) as error:
         raise RecordError(f"{path} is not a serial capture: {error}") from error
-    if head.format > FORMAT:
+    if head.format != FORMAT:
         raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
     return head
 
@@ -163,11 +162,11 @@ def _believed(head: Head, path: Path) -> Head:
 
 
 def _why_none(path: Path) -> str:
-    """Return why a file has no head; a newer format states its number, however it is packed."""
+    """Return why a file has no head; another format states its number, however it is packed."""
     with open_regular(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
-    if found and int(found[1]) > FORMAT:
+    if found and int(found[1]) != FORMAT:
         return f"written in format {int(found[1])}; this jbclog knows {FORMAT}"
     return "no block that says of what run it is can be proven" if first else "it is empty"
 
@@ -218,33 +217,12 @@ def _blocks(path: Path) -> Iterator[Block | Gap]:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
-    """Yield the rows from number `first` to the first hole: no session is replayed beyond it."""
-    return islice(_to_hole(path), first, None)
-
-
-def _to_hole(path: Path) -> Iterator[CaptureRow]:
+def read_to_hole(path: Path) -> Iterator[CaptureRow]:
+    """Yield the rows up to the first hole: no session is replayed beyond it."""
     for row in rows_and_holes(path):
         if isinstance(row, Hole):
             return
         yield row
-
-
-def read_exchanges(path: Path) -> Iterator[CaptureRow]:
-    """Yield the rows without those from the last command before a hole to the first behind it:
-    their answers may be lost.
-    """
-    held: list[CaptureRow] = []
-    is_whole = True
-    for row in rows_and_holes(path):
-        if isinstance(row, Hole):
-            held, is_whole = [], False
-        elif row.what == "sent":
-            yield from held
-            held, is_whole = [row], True
-        elif is_whole:
-            held.append(row)
-    yield from held
 
 
 def holes(path: Path) -> list[Hole]:

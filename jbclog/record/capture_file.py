@@ -101,8 +101,6 @@ def _plain(text: str) -> str:
 #
 # `kin` is the CRC-32 of the file's first head: it identifies blocks of another file. Numbers of
 # blocks and lines have no gaps, so missing lines are counted even if no byte of them is left.
-#
-# Format 1 was a single member with one checksum; such a file is read only if that is right.
 
 FIXED: Final = b"\x1f\x8b\x08\x04\0\0\0\0\0\xff"  # deflate, an extra field, no time, no system
 FIELD_NAME: Final = b"JW"
@@ -111,12 +109,9 @@ FIELD_BYTES: Final = HEAD.size - 16
 PIECE: Final = 1 << 16
 MOST_BYTES: Final = 64 << 20  # of a decompressed block: three times what a recorder writes
 MOST_LINES: Final = 32_768  # of a block: a recorder's has at most 20 002
-MOST_LINE: Final = 1 << 20
 FREE_BYTES: Final = 256 << 20  # that a file may unpack to, whatever its size,
 # and beyond that so many times its size; a busy link has seven, a flooded one hundreds for a while
 RATIO: Final = 50
-# and beyond these no more lines than packed bytes: the time of each line takes four
-FREE_LINES: Final = 10_000
 NOT_OURS: Final = "no recorder writes that; restore the file from a copy"
 STEP: Final = 1 << 20  # bytes unpacked at a time
 # A head says how long its block is, so heads that lie in one another's blocks would have the same
@@ -231,7 +226,10 @@ def blocks_in(descriptor: int) -> Iterator[Block | Gap]:
     if len(data):
         labels = _labels(data)
         first = next(labels, None)
-        yield from _singles(data) if first is None else _numbered(data, first, labels)
+        if first is None:
+            yield Gap(0, len(data), 1, None, "no block of it can be proven")
+            return
+        yield from _numbered(data, first, labels)
 
 
 class _Bytes:
@@ -373,73 +371,3 @@ def _unpack(data: _Bytes, label: _Label) -> tuple[str | None, int, int]:
         return None, size, at - label.at
     is_whole = unpacker.eof and not unpacker.unused_data and at == end and text.endswith("\n")
     return text if is_whole else None, size, at - label.at
-
-
-def _singles(data: _Bytes) -> Iterator[Block | Gap]:
-    """Yield the lines of a file of format 1, once its only checksum is verified."""
-    end, why = _sound_end(data)
-    if end is None:
-        yield Gap(0, len(data), 1, None, why or "no block of it can be proven", bool(why))
-        return
-    line = 1
-    for text in _lines(data):
-        block = Block(line, text)
-        yield block
-        line = block.next_line
-    if end < len(data):
-        yield Gap(end, len(data), line, None, "stands behind its end")
-
-
-def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int, int | None]]:
-    """Yield the first member in small pieces, each with the bytes taken so far, and its end with
-    the last. Raises zlib.error.
-    """
-    unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
-    for place in range(0, len(data), PIECE):
-        left = data[place : place + PIECE]
-        while left and not unpacker.eof:
-            yield unpacker.decompress(left, PIECE), min(place + PIECE, len(data)), None
-            left = unpacker.unconsumed_tail
-        if unpacker.eof:
-            end = min(place + PIECE, len(data)) - len(unpacker.unused_data)
-            yield b"", end, end
-            return
-
-
-def _sound_end(data: _Bytes) -> tuple[int | None, str]:
-    """Return the end of the first member; None if damaged, no text, or too large, and which."""
-    end, rest, lines, unpacked = None, b"", 0, 0
-    try:
-        for piece, taken, end in _unpacked(data):  # noqa: B007  # the last one counts
-            whole, rest = _split(rest + piece)
-            whole.decode()
-            lines, unpacked = lines + whole.count(b"\n"), unpacked + len(piece)
-            if lines > max(FREE_LINES, taken):
-                return (
-                    None,
-                    (
-                        f"unpacks to more than {lines} lines from {taken} bytes; each takes a byte"
-                        f" or more ({NOT_OURS})"
-                    ),
-                )
-            if excess := _excess_of_file(unpacked, taken):
-                return None, excess
-            if len(rest) > MOST_LINE:
-                return None, ""
-    except (zlib.error, UnicodeDecodeError):
-        return None, ""
-    return None if rest else end, ""
-
-
-def _lines(data: _Bytes) -> Iterator[str]:
-    rest = b""
-    for piece, _, _ in _unpacked(data):
-        whole, rest = _split(rest + piece)
-        if whole:
-            yield whole.decode()
-
-
-def _split(text: bytes) -> tuple[bytes, bytes]:
-    """Return the complete lines, and the beginning of the next."""
-    end = text.rfind(b"\n") + 1
-    return text[:end], text[end:]

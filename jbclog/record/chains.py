@@ -122,9 +122,9 @@ def _whole(value: int | None) -> int | None:
 # run is the newest sealed one by its folder's name, which begins with its start; open runs and
 # unreadable manifests are skipped.
 
-# hex digits of the short form: 96 bits, too many for a forged second record
+# hex digits of the short form: 96 bits, too many for a second record with the same
 SHOWN: Final = 24
-LEAST: Final = 16  # digits in reports of the first release
+LEAST: Final = 16  # digits in reports of 0.1.0
 HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
 
 

@@ -54,10 +54,11 @@ class Finding(NamedTuple):
         return f"{self.file}: {self.text}"
 
 
-def check(folder: Path, head: str | None = None) -> list[Finding]:
+def check(folder: Path, head: str | None = None, *, with_report: bool = True) -> list[Finding]:
     """Return every disagreement within the run. Raises `RecordError` if the folder is not a run.
 
-    `head` is an earlier fingerprint of the run, from a report.
+    `head` is an earlier fingerprint of the run, from a report. `with_report`: False for a copy of a
+    published run, which has no report.
     """
     manifest = read_manifest(folder)
     digest = wrong_digest(folder)
@@ -72,7 +73,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
             ),
         ]
     for kind in (
-        cross_check(folder, manifest, head),
+        cross_check(folder, manifest, head, with_report=with_report),
         _files(folder, manifest),
         _wires(folder, manifest),
     ):

@@ -20,8 +20,7 @@ from jbclog.record.schema import SCHEMAS
 
 LEFT_OUT: Final = frozenset({"time", "earliest", "seq", "prev_sha256"})
 DERIVED: Final = "alarm.episode."
-"""Events derived from samples, which are compared themselves; older records have none."""
-RULES: Final = "alarm_rules"  # not in older records
+"""Events derived from samples, which are compared themselves."""
 MOST_SHOWN: Final = 3  # in a table of a station: later differences mostly follow from the first
 
 Value = object
@@ -144,5 +143,5 @@ def _differing_facts(first: Path, second: Path) -> Iterator[str]:
             return
         before = asdict(mine)
         for name, value in asdict(other).items():
-            if value != before[name] and not (name == RULES and not before[name]):
+            if value != before[name]:
                 yield f"manifest, {mine.name}: {name} {value!r} instead of {before[name]!r}"

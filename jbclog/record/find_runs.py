@@ -13,7 +13,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -197,7 +197,7 @@ class Filter:
             (self.station, run.stations),
             (self.recipe, [*run.recipes, *(recipe.rpartition("@")[0] for recipe in run.recipes)]),
             (self.verdict and self.verdict.upper(), [run.verdict]),
-            (self.state, [run.state, run.exit_status, run.shown_state]),
+            (self.state, [run.shown_state]),
             *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
         ]
         if any(text is not None and not _fits(text, those) for text, those in sought):
@@ -321,15 +321,38 @@ def copies_texts(copies: Sequence[Copy]) -> list[str]:
 
 def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     """Read a run's manifest; None if its bytes show that it does not match."""
-    path = folder / NAME
     try:
-        data = read_regular(path, Kind.MANIFEST)
+        data = read_regular(folder / NAME, Kind.MANIFEST)
+    except FileNotFoundError:
+        return Unreadable(
+            folder,
+            "it has no manifest: cut off at its very start, or no run; `jbclog recover`"
+            " finishes it",
+        )
+    except OSError as error:
+        return Unreadable(folder, shortened(f"its manifest cannot be read: {error}", MOST_WHY))
+    has_annotations = (folder / ANNOTATIONS).exists()
+    return summary_in(
+        data, folder, wanted, lambda: late_serials(folder), has_annotations=has_annotations
+    )
+
+
+def summary_in(
+    data: bytes,
+    folder: Path,
+    wanted: Filter,
+    late: Callable[[], Sequence[str]],
+    *,
+    has_annotations: bool,
+) -> Found | Unreadable | None:
+    """Return the summary of the manifest in `data`; None if it shows that the run does not match.
+    `late` returns the serials that annotations of a sealed run add.
+    """
+    try:
         if wanted.had_ended(data):
             return None
         changed = why_changed(data)
-        if changed is None and not wanted.may_be_in(
-            data, has_annotations=(folder / ANNOTATIONS).exists()
-        ):
+        if changed is None and not wanted.may_be_in(data, has_annotations=has_annotations):
             return None
         summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
@@ -338,24 +361,21 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
             expect_time(time)
         for station in summary.stations:
             expect_period(station.period_s)
-        return _found(folder, summary, changed, hashlib.sha256(data).hexdigest())
-    except FileNotFoundError:
-        return Unreadable(
-            folder,
-            "it has no manifest: cut off at its very start, or no run; `jbclog recover`"
-            " finishes it",
-        )
+        serials = late() if summary.state == SEALED else ()
+        return _found(folder, summary, changed, hashlib.sha256(data).hexdigest(), serials)
     except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
         return Unreadable(folder, shortened(f"its manifest cannot be read: {error}", MOST_WHY))
 
 
-def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) -> Found:
+def _found(
+    folder: Path, summary: _Summary, changed: str | None, sha256: str, late: Sequence[str]
+) -> Found:
     state = summary.state if summary.state == SEALED else RUNNING if is_held(folder) else CRASHED
     metadata = summary.metadata
     serials = [
         *metadata.units,
         *(unit.serial for unit in summary.units),
-        *(late_serials(folder) if state == SEALED else ()),
+        *late,
     ]
     return Found(
         folder=folder,

@@ -33,40 +33,10 @@ NAME: Final = "manifest.json"
 MOST_SAID: Final = 500
 ROUND_A_UNIT: Final = 8  # bytes at most around a unit: its comma, line end and indentation
 END: Final = b"\n}\n"
+SINCE_DIGEST: Final = "units"  # a key that came with the digest: manifests of 0.1.0 have neither
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
 _DIGEST_BYTES: Final = len(DIGEST % ("0" * 64))
-OF_0_1: Final = frozenset(
-    {
-        *(
-            "schema",
-            "run",
-            "state",
-            "exit_status",
-            "exit_code",
-            "verdict",
-            "verdict_rules",
-            "started",
-            "ended",
-            "t0_mono",
-        ),
-        *(
-            "t0_utc",
-            "line",
-            "recipes",
-            "metadata",
-            "host",
-            "rate",
-            "guard",
-            "wire",
-            "stations",
-            "ledger",
-            "lost",
-            "files",
-            "previous",
-        ),
-    }
-)
 """The keys of manifests without a digest."""
 
 
@@ -214,9 +184,9 @@ class Manifest:
     without serial captures, ``whole`` with complete ones, else what is missing. `previous`: None if
     the recorder ended before it searched. `units`: those whose serials were read during the run;
     units named at its start are in `metadata`. `verifications`: the tip verifications in force at
-    the start. `goals`: the numbers after which it was to end, and their results. `rules`: version
-    of the rules and methods of its verdict (`analysis/rule_versions.py`); 1 in older records, which
-    lack it.
+    the start. `goals`: the numbers after which it was to end, and their results. `rules`: number
+    of the rules and methods of its verdict (`analysis/rules_number.py`); runs of 0.1.0 lack it, and
+    have 1.
 
     The file has a last key `digest`: the SHA-256 of the file without it.
     """
@@ -291,7 +261,7 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """What a report shows of a rule of the verdict; an older release wrote fewer fields."""
+    """What a report shows of a rule of the verdict; 0.1.0 wrote fewer fields."""
 
     name: str = ""
     station: str | None = None
@@ -454,9 +424,7 @@ def wrong_digest(folder: Path) -> str | None:
 
 
 def has_digest(folder: Path) -> bool:
-    """Return True if the manifest has a digest; those of the first release have none. Raises
-    OSError.
-    """
+    """Return True if the manifest has a digest; those of 0.1.0 have none. Raises OSError."""
     return (
         _DIGEST.fullmatch(read_regular(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
     )
@@ -467,8 +435,8 @@ def why_changed(data: bytes) -> str | None:
     found = _DIGEST.fullmatch(data[-_DIGEST_BYTES:])
     if found is None:
         plain = json_of(data)
-        is_old = isinstance(plain, dict) and plain.keys() <= OF_0_1
-        return None if is_old else "has lost its digest: it was changed"
+        is_of_0_1 = isinstance(plain, dict) and SINCE_DIGEST not in plain
+        return None if is_of_0_1 else "has lost its digest: it was changed"
     without = data[:-_DIGEST_BYTES] + END
     return (
         None

@@ -32,7 +32,7 @@ from jbclog.core.rows import TABLES
 from jbclog.core.text import count_text
 from jbclog.record.manifest import SealedFile
 from jbclog.record.part_file import PartFile, open_part
-from jbclog.record.schema import FIRST_IN, SCHEMAS, TEXT, lacking_in, with_columns
+from jbclog.record.schema import SCHEMAS, TEXT, lacking_in, with_columns
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
 # includes the notes. Damaged files are set aside in `damaged/`.
@@ -283,7 +283,7 @@ def groups_of(
 def group_of(
     file: PartFile, table: str, index: int, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Return a row group of a part; columns that its version lacks are null."""
+    """Return a row group of a part; columns that the part lacks are null."""
     lacking = lacking_in(table, file.schema.names)
     if not lacking:
         return file.group(index, columns)
@@ -299,7 +299,7 @@ def _opened(path: Path, seal: SealedFile | None, *, coded: bool) -> Iterator[Par
     """Open a part and check that it has the columns of its table. Raises RecordError."""
     table = path.parent.name
     schema = SCHEMAS[table]
-    texts = [one.name for one in schema if one.type == TEXT and (table, one.name) not in FIRST_IN]
+    texts = [one.name for one in schema if one.type == TEXT]
     with open_part(path, seal, texts if coded else ()) as part:
         lacking = lacking_in(table, part.schema.names)
         if not part.schema.equals(pa.schema([one for one in schema if one.name not in lacking])):

@@ -3,8 +3,8 @@
 Times are UTC microseconds; integers are int64 (narrow ones overflow in squares and sums and take
 the same space on disk). A null value was not due, or not answered.
 
-Parts and batches with other columns are refused (`parts.py`, `batches.py`), except those of earlier
-versions, which lack the columns of `FIRST_IN`. docs/how-to/change.md explains how to add a column.
+Rows that lack columns that may be null are read with nulls there; rows with other columns are
+refused (`parts.py`, `batches.py`). docs/how-to/change.md explains how to add a column.
 """
 
 from __future__ import annotations
@@ -26,9 +26,6 @@ TEXT: Final = pa.utf8()
 
 Column = tuple[str, pa.DataType, str, str]
 """Name (never null with a final ``!``), type, unit, command(s) of the manuals."""
-
-FIRST_IN: Final[dict[tuple[str, str], int]] = {}
-"""Table and column -> the first `SCHEMA_VERSION` that has it; version 1 has all others."""
 
 SAMPLES: Final[Sequence[Column]] = (
     ("time!", TIME, "UTC", ""),
@@ -155,20 +152,19 @@ SCHEMAS: Final[Mapping[str, pa.Schema]] = MappingProxyType(
 
 
 def lacking_in(table: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that rows of an earlier version, with the columns `names`, lack; empty for
-    rows of this version or of none.
+    """Return the columns that rows with the columns `names` lack, if these are all that differs and
+    may be null; else none. Events lack none, because their chain is over all columns.
     """
-    for version in sorted({*FIRST_IN.values()}):
-        later = [one for (of, one), first in FIRST_IN.items() if of == table and first >= version]
-        if later and [*names] == [name for name in SCHEMAS[table].names if name not in later]:
-            return [name for name in SCHEMAS[table].names if name in later]
-    return []
+    schema = SCHEMAS[table]
+    lacking = [name for name in schema.names if name not in names]
+    known = [name for name in schema.names if name in names]
+    if table == "events" or [*names] != known:
+        return []
+    return lacking if all(schema.field(name).nullable for name in lacking) else []
 
 
 def with_columns(rows: pa.Table, table: str, lacking: Sequence[str]) -> pa.Table:
-    """Return rows of an earlier version with the columns that they lack added, null, in schema
-    order.
-    """
+    """Return rows with the columns that they lack added, null, in schema order."""
     schema = SCHEMAS[table]
     for name in lacking:
         field = schema.field(name)

@@ -27,9 +27,8 @@ class VerdictFacts:
     """`decided`: ``"with the run"`` (it is in the manifest), ``"by recovery"`` (the run was cut
     off) or ``"by this report"``.
 
-    `reasons`: why it is not ACCEPT. `version`: that of its rules. If it is not the latest,
-    `by_rules` is a sentence with the verdict of the latest rules, and `by_latest` that verdict with
-    its reasons; neither changes the verdict.
+    `reasons`: why it is not ACCEPT. `version`: the number of its rules. `by_rules`: the sentence
+    that this version does not have them; None if it does.
     """
 
     word: str
@@ -39,7 +38,6 @@ class VerdictFacts:
     summary: list[dict[str, object]]  # empty if the rules are few
     version: int
     by_rules: str | None = None
-    by_latest: dict[str, object] | None = None
 
 
 @dataclass(slots=True)
@@ -210,7 +208,7 @@ class Facts:
     """One run."""
 
     schema: int
-    rules: int  # version of the rules and methods of this report
+    rules: int  # number of the rules and methods of this report
     run: str
     manifest_sha256: str
     head: str
@@ -250,7 +248,6 @@ class Facts:
     not_claimed: list[str]
     not_claimed_short: list[str]
     to_sign: list[dict[str, str]]
-    reproduce: str
 
     @property
     def is_crowd(self) -> bool:
@@ -299,5 +296,3 @@ TO_SIGN = (
     {"role": "Reviewed", "meaning": "Meaning: review of this record and its deviations."},
     {"role": "Approved", "meaning": "Meaning: approval or refusal, based on this record."},
 )
-
-REPRODUCE = "jbclog report --verify RUN"

@@ -9,7 +9,7 @@ import pyarrow as pa
 from jbclog.analysis.figures.canvas import styled, svg_text
 from jbclog.analysis.figures.marks import happenings, limits_of
 from jbclog.analysis.figures.style import NARROW, WIDE
-from jbclog.analysis.rejudge import is_cut_off, own_version
+from jbclog.analysis.rejudge import is_cut_off
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict.samples import KeptMeasures, Measuring
 from jbclog.report.alarms import alarm_facts
@@ -17,7 +17,7 @@ from jbclog.report.facts import CROWD, Facts, FigureFacts, VerdictFacts
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.overview import Overview
 from jbclog.report.ports import Context, station_reports
-from jbclog.report.repeated import of_run
+from jbclog.report.record_facts import of_run
 from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
@@ -53,7 +53,7 @@ def _context(
     return Context(
         happenings=happenings(run.events(), manifest.t0_utc_us),
         limits=limits_of(run.settings(), manifest.t0_utc_us),
-        measures=measuring(run.folder, by_name, {}, own_version(manifest)),
+        measures=measuring(run.folder, by_name, {}),
         ledger=manifest.ledger,
         cut_off=is_cut_off(manifest),
         overview=overview,

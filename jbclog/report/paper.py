@@ -181,7 +181,7 @@ def _provenance(facts: Facts) -> list[str]:
         f"Manifest SHA-256 {facts.manifest_sha256}",
         f"Data SHA-256 {facts.data_sha256}",
         f"Previous run on this line: {facts.previous}",
-        f"Made by jbclog {facts.jbclog}. Reproduce: {facts.reproduce}",
+        f"Made by jbclog {facts.jbclog}.",
         f"Compare: jbclog check RUN --head {facts.head}",
     ]
 

@@ -86,7 +86,9 @@ def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
 
 
 def tip_facts(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
-    bounds = None if measure is None else measure.idle.bounds
+    bounds = None if measure is None else measure.idle.bounds()
+    if isinstance(bounds, str):
+        bounds = None
     return TipFacts(
         set_c=last_known(drawn.setting),
         alarm_high_c=_limit(drawn.limits, "high"),
@@ -95,8 +97,8 @@ def tip_facts(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
         greatest_c=extreme(drawn.temperature, np.max),
         idle_error_c=None if measure is None else measure.idle.mean_c,
         idle_sd_c=None if measure is None else measure.idle.sd_c,
-        idle_error_bound=None if bounds is None else bounds[0],
-        idle_sd_bound=None if bounds is None else bounds[1],
+        idle_error_bound=None if bounds is None else bounds.mean,
+        idle_sd_bound=None if bounds is None else bounds.sd,
     )
 
 

@@ -55,7 +55,7 @@ from jbclog.report.port_facts import (
     states_facts,
     tip_facts,
 )
-from jbclog.report.repeated import (
+from jbclog.report.record_facts import (
     PortRows,
     due_readings,
     of_port,

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from jbclog.analysis.rejudge import is_cut_off, judge_again
-from jbclog.analysis.rule_versions import is_known
-from jbclog.analysis.verdict import RULES, Result, Rule, Verdict
+from jbclog.analysis.rejudge import is_cut_off, judge_again, other_rules
+from jbclog.analysis.verdict import Result, Rule, Verdict
 from jbclog.analysis.verdict.rules import CONFIDENCE, JUDGED_BARE
 from jbclog.analysis.verdict.samples import Measuring
 from jbclog.record.manifest import Manifest
@@ -104,7 +103,9 @@ def verdict_facts(folder: Path, manifest: Manifest, measuring: Measuring) -> Ver
             {**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)
         ]
         found = _facts(manifest, manifest.verdict, "with the run", rules)
-        found.by_rules, found.by_latest = _of_rules(folder, manifest, measuring)
+        other = other_rules(manifest)
+        if other is not None and manifest.verdict != Verdict.NOT_JUDGED:
+            found.by_rules = f"{other[0].upper()}{other[1:]}."
         return found
     judgement = judge_again(folder, manifest, measuring=measuring)
     return _facts(manifest, judgement.verdict.value, "by this report", judgement.rules_as_dicts())
@@ -149,27 +150,6 @@ def _not_made_safe(stations: Sequence[RowView]) -> list[Reason]:
         for name, port in ports
         if port["left_warns"]
     ]
-
-
-def _of_rules(
-    folder: Path, manifest: Manifest, measuring: Measuring
-) -> tuple[str | None, dict[str, object] | None]:
-    """Return the version of the rules of a sealed verdict if it is not the latest, and the verdict
-    of the latest.
-    """
-    if manifest.rules == RULES or manifest.verdict in (None, Verdict.NOT_JUDGED):
-        return None, None
-    if not is_known(manifest.rules):
-        return f"Judged by rules {manifest.rules}; this jbclog knows rules 1 to {RULES}.", None
-    judgement = judge_again(folder, manifest, RULES, measuring=measuring)
-    reasons = [reason.text for reason in _reasons(judgement.verdict, judgement.rules_as_dicts())]
-    text = f"Judged by rules {manifest.rules}. By rules {RULES} it would be {judgement.verdict}"
-    result = f": {reasons[0]}" if judgement.verdict != manifest.verdict and reasons else ", too."
-    return f"{text}{result}", {
-        "rules": RULES,
-        "verdict": judgement.verdict.value,
-        "reasons": reasons,
-    }
 
 
 def _facts(

@@ -1,8 +1,7 @@
 """Writes `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the
 folder of a run, each atomically.
 
-The same run gives the same bytes: no creation time, no random names, everything sorted. So a report
-can be made again at any time and compared (`verify.py`).
+The same run and versions give the same bytes: no creation time, no random names, everything sorted.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from importlib import metadata
 from pathlib import Path
 
 import pyarrow as pa
@@ -29,7 +29,6 @@ from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts, FigureFacts
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
-from jbclog.report.maker import tools
 from jbclog.report.page import render
 from jbclog.report.paper import report_pdf
 from jbclog.report.spreadsheet import csv_tables
@@ -130,6 +129,16 @@ def report_files(folder: Path) -> dict[str, bytes]:
     return {
         **files,
         DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
+    }
+
+
+def tools() -> dict[str, str]:
+    """Return what sets the paper and draws the figures, by its key in `report.json`: other versions
+    may give other bytes.
+    """
+    return {
+        "paper_by": f"typst {metadata.version('typst')}",
+        "drawn_by": f"matplotlib {metadata.version('matplotlib')}",
     }
 
 

@@ -61,7 +61,7 @@ class NoByteLog(ByteLog):
 
 
 class Servable(Protocol):
-    """A station inside this program, virtual or recorded. Times are monotonic seconds."""
+    """A station inside this program. Times are monotonic seconds."""
 
     @property
     def name(self) -> str: ...

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from jbclog.config.line import Line, Replay, StationSpec, line_text
+from jbclog.config.line import Line, StationSpec, line_text
 from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
@@ -55,14 +55,12 @@ def set_up(
     tcp: Tcp | None = None,
     wire_file: ByteLog | None = None,
     stations: Sequence[Servable] | None = None,
-    replay: Replay | None = None,
 ) -> Server:
     """Create the line's ports in `folder` (or on TCP) and write `folder/line.toml`; `run` then
     serves them.
 
     `stations` are served, in the line's order; by default the virtual ones that the line describes.
-    `replay` is the pace of a recorded run. Raises `UsageError` if a station cannot be virtual or a
-    link cannot be created.
+    Raises `UsageError` if a station cannot be virtual or a link cannot be created.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
@@ -76,8 +74,7 @@ def set_up(
     _make(folder)
     try:
         server.open()
-        urls = [_url_in(folder, link, replay) for link in links]
-        served_line.write_text(_served_text(line, urls, replay), encoding="utf-8")
+        served_line.write_text(_served_text(line, links), encoding="utf-8")
     except BaseException as error:
         server.close()
         if isinstance(error, OSError):
@@ -120,23 +117,13 @@ def tcp_of(text: str) -> Tcp:
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
-def _served_text(line: Line, urls: Sequence[str], replay: Replay | None) -> str:
-    """Format a line file like `line` with these URLs."""
+def _served_text(line: Line, links: Sequence[Link]) -> str:
+    """Format a line file like `line` with the URLs of these links."""
     stations = [
-        (station.model_copy(update={"url": url}), "")
-        for station, url in zip(line.stations, urls, strict=True)
+        (station.model_copy(update={"url": link.url}), "")
+        for station, link in zip(line.stations, links, strict=True)
     ]
-    by = "sim" if replay is None else "replay"
-    return line_text(
-        line.name, stations, f"Virtual stations, made by jbclog {by} from {line.path}", replay
-    )
-
-
-def _url_in(folder: Path, link: Link, replay: Replay | None) -> str:
-    """Return a link's URL; in a replay a relative path, which only a served station can have."""
-    if replay is None or not isinstance(link, PtyLink):
-        return link.url
-    return str(link.path.relative_to(folder.absolute()))
+    return line_text(line.name, stations, f"Virtual stations, made by jbclog sim from {line.path}")
 
 
 def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:

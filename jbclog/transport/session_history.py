@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
-from math import inf
 from typing import Literal, NamedTuple, Self, TypeVar
 
 from jbclog.core.capture_rows import CaptureRow, LinkRow, RequestName, ResultKind, ResultRow
@@ -161,12 +159,8 @@ def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> Ste
 
 
 class ReplayStep(NamedTuple):
-    """Result of one request, with the data sent for it, if any, and the bytes received.
+    """Result of one request, with the data sent for it, if any, and the bytes received."""
 
-    `place` is the number of its first row.
-    """
-
-    place: int
     result: ResultRow
     asked: bytes
     data: bytes
@@ -206,11 +200,13 @@ class ReplayStep(NamedTuple):
 
 def replay_steps(rows: Iterable[CaptureRow]) -> Iterator[ReplayStep]:
     """Group the rows of a capture into the results that its session received, in order."""
-    first, asked, came = 0, b"", b""
-    for place, row in enumerate(rows):
+    asked = b""
+    came = b""
+    for row in rows:
         if isinstance(row, ResultRow):
-            yield ReplayStep(first, row, asked, came[: row.size])
-            first, asked, came = place + 1, b"", came[row.size :]
+            yield ReplayStep(row, asked, came[: row.size])
+            asked = b""
+            came = came[row.size :]
         elif row.what == "sent":
             asked = row.data
         elif row.what == "heard":
@@ -244,27 +240,23 @@ class Divergence(NamedTuple):
         return self.step is None
 
 
-OnDivergence = Callable[[Divergence], tuple[float, str]]
-"""Called when a session departs from its capture; returns the latest time to end it, and why."""
+OnDivergence = Callable[[Divergence], object]
+"""Called when a session departs from its capture, or its capture ends before it does."""
 
 
 def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) -> Steps[T | None]:
     """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps
     pace.
 
-    Older captures, whose sessions did not wait for each other, have no results of `Gather`; then
-    `Gather` returns at once.
-
-    If a request does not match the capture, calls `left`, and the driver performs all requests from
-    there on. If the capture ends first, calls `left`, abandons the session and returns None.
+    If a request does not match the capture, or the capture ends first, calls `left`, abandons the
+    session and returns None.
     """
     try:
         request, now = next(steps), 0.0
         for step in tape:
-            while isinstance(request, Gather) and step.result.request != "gather":
-                request = steps.send(IoResult(now, b"", 0.0))
             if not step.answers(request):
-                return (yield from _run_live(steps, request, *left(Divergence(now, request, step))))
+                left(Divergence(now, request, step))
+                return None
             now = step.result.at_s
             yield Wait(now)
             request = _send(steps, step)
@@ -282,25 +274,3 @@ def _send(steps: Steps[T], step: ReplayStep) -> Request:
     if result.what in ERROR_OF_RESULT:
         return steps.throw(ERROR_OF_RESULT[result.what](result.text))
     return steps.send(IoResult(result.at_s, step.data, result.sent_s, result.late_s))
-
-
-def _run_live(steps: Steps[T], request: Request, end_s: float, why: str) -> Steps[T]:
-    """Let the driver perform the requests from `request` on, over a port that is open if the
-    session expects it to be.
-    """
-    if not isinstance(request, Reopen):
-        with suppress(LinkError):  # the session notices at its next request
-            yield Reopen()
-    try:
-        while True:
-            try:
-                # the others run on captures of their own and never wait
-                heard = yield Wait(0.0) if isinstance(request, Gather) else request
-            except (LinkError, RunEnded) as error:
-                request = steps.throw(error)
-            else:
-                is_over, end_s = heard.now >= end_s, inf if heard.now >= end_s else end_s
-                request = steps.throw(RunEnded(why)) if is_over else steps.send(heard)
-    except StopIteration as end:
-        result: T = end.value
-        return result

@@ -1,7 +1,7 @@
 """How cost grows: ``python tests/bench/bench_growth.py [PART...] [--out FOLDER] [--page] [--tiny |
 --short]``.
 
-Each part varies one thing (stations, rate, length of a run, runs in a folder, rows of a store) and
+Each part varies one thing (stations, rate, length of a run, runs in a folder) and
 measures CPU, time, memory, bytes and lateness at each size. Each point becomes a line of
 FOLDER/growth.jsonl, which is part of the repository, as soon as it is measured. So the program can
 be stopped at any time; run again, it measures what is missing. ``--again`` measures the named parts
@@ -34,19 +34,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import pyarrow as pa
 import pyarrow.compute as pc
-from bench_fleet import RUN_ROWS, all_of, peak_mb, tasks_of
 from bench_many_runs import copies
 from common import RECIPE, in_own_process, virtual_stations
 from growth_page import Point, write_page
 from recorder import record
 
-from jbclog.analysis.rule_versions import RULES
-from jbclog.analysis.store.place import place_of
-from jbclog.analysis.store.statistics import Task
-from jbclog.app.publish.folder import publish_all
-from jbclog.app.publish.publisher import Publisher
+from jbclog.analysis.rules_number import RULES
 from jbclog.report.write import write_report
-from support.records.many_runs import one_run
 from support.records.sealed_run import samples, seal, station, table
 from support.records.small_run import make_run
 
@@ -122,7 +116,6 @@ def of_lengths(seconds_long: int, _: float) -> Figures:
         for name, words in {
             "check": ["check", str(run)],
             "report": ["report", str(run)],
-            "publish": ["publish", str(run), str(Path(made) / "store")],
             "export csv": [
                 "export",
                 str(run),
@@ -201,41 +194,11 @@ def copied(first: Path, folder: Path, count: int) -> None:
     copies(run, folder, count)
 
 
-def of_stores(rows: int, _: float) -> Figures:
-    """Samples of one port in files of 500 000 rows or fewer, copies of one; statistics of the
-    temperature by one process with one thread.
-    """
-    with TemporaryDirectory(prefix="jbclog-growth-") as made:
-        home = Path(made)
-        place = place_of(home / "store")
-        one_run(home / "runs", 0, 0.2, rows=min(rows, RUN_ROWS))
-        with Publisher(place) as publisher:
-            list(publish_all(publisher, home / "runs"))
-        tasks = tasks_of(place, rows)
-        return in_own_process(queried, tasks) | {"samples, MB": size_of(home / "store") / 1e6}
-
-
-def queried(tasks: Sequence[Task]) -> Figures:
-    pa.set_cpu_count(1)
-    cpu, begun = time.process_time(), time.perf_counter()
-    all_of(tasks)
-    return {
-        "statistics, s": time.perf_counter() - begun,
-        "statistics, s of CPU": time.process_time() - cpu,
-        "statistics, MB": peak_mb(os.getpid()),
-    }
-
-
 PARTS: Final[Mapping[str, Part]] = {
     "stations": Part((1, 2, 5, 10, 25, 50, 100, 175, 250), (1, 2), of_stations),
     "rates": Part((1, 2, 5, 10, 20, 35, 50), (5, 50), of_rates),
     "lengths": Part((60, 600, 3_600, 28_800, 86_400, 604_800), (60, 120), of_lengths),
     "folders": Part((10, 100, 1_000, 3_000, 10_000), (2, 4), of_folders),
-    "stores": Part(
-        (100_000, 1_000_000, 10_000_000, 100_000_000),
-        (1_000, 2_000),
-        of_stores,
-    ),
 }
 """What is varied. Another part is another row."""
 

@@ -23,10 +23,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from common import at_most, in_own_process, is_short, judge, show
 
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
-from jbclog.analysis.runs import Records
+from jbclog.analysis.runs import Records, open_runs
 from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.analysis.trend import trends
 from jbclog.record.find_runs import find

@@ -27,8 +27,8 @@ import pandas as pd
 import pyarrow as pa
 from common import at_least, at_most, cpu_s, in_own_process, is_short, judge, show
 
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
+from jbclog.analysis.runs import open_runs
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import read_manifest, write_manifest
 from support.records.sealed_run import samples, seal, station, table

@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_growth import sealed, shifted, spent
 from common import in_own_process
 
-from jbclog.analysis.rule_versions import RULES
+from jbclog.analysis.rules_number import RULES
 from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
 
 ROWS = 8 * 3600 * 10

@@ -20,7 +20,6 @@ UNITS: Final = {
     "rates": "Hz",
     "lengths": "s",
     "folders": "runs",
-    "stores": "rows",
 }
 SHARED: Final = "At small sizes, fewer exchanges or rows share the fixed cost of a run."
 LATE: Final = (
@@ -40,11 +39,6 @@ REPORT: Final = (
     " minutes (0.5 and 1.0 s). Beyond that each row costs the same (profiles of a minute, ten"
     " minutes, an hour and eight hours, 25 November 2026)."
 )
-COMMIT: Final = (
-    "A commit stays in memory until it is written, about 235 bytes a row, together with part of"
-    " the commit before. With commits of a million, half and a quarter of a million rows, writing"
-    " three million took 541, 430 and 356 MB (25 November 2026)."
-)
 HELD: Final = (
     "Rows stay in memory up to 300 000, eight hours here, so that a port's rows are written in"
     " one stretch. Eight hours, a day and three days took 475, 503 and 511 MB; with 36 000 rows,"
@@ -62,7 +56,6 @@ WHY: Final[Mapping[tuple[str, str], str]] = {
         for figure in ("late, 99 %, ms", "late, 99 % of the worst tenth, ms")
     },
     ("lengths", "report, s of CPU"): REPORT,
-    ("lengths", "publish, MB"): COMMIT,
     ("lengths", "export mf4, MB"): HELD,
     ("folders", "runs --no-cache, s"): ONCE,
     ("folders", "runs --no-cache, s of CPU"): ONCE,

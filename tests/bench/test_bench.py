@@ -20,7 +20,6 @@ NAMES = (
     "watch",
     "many_runs",
     "index",
-    "store",
     "audit",
     "old_ledger",
     "instructions",

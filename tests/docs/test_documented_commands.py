@@ -180,12 +180,12 @@ SNIPPETS = {
     page.name: block
     for page in DOCS.rglob("*.md")
     for block in blocks("python", page.read_text(encoding="utf-8"))
-}  # one a page
+}  # the last of each page
 
 
 def test_there_are_no_other_snippets() -> None:
-    # the first runs in faults/test_fleet.py
-    assert set(SNIPPETS) == {"many-computers.md", "read-a-run.md", "watch.md"}
+    # those of publish.md run in unit/analysis/test_published.py
+    assert set(SNIPPETS) == {"publish.md", "read-a-run.md", "watch.md"}
 
 
 def test_the_snippet_of_the_live_view_runs_on_a_demo(demo: Demo, tmp_path: Path) -> None:
@@ -242,10 +242,8 @@ def test_every_toml_block_is_a_file_that_a_test_reads() -> None:
 
 
 def test_every_block_is_of_a_kind_that_a_test_knows() -> None:
-    """`text` is printed, not typed; `yaml` is another program's file, `sql` is run by
-    `unit/analysis/store/test_readers.py`.
-    """
-    known = {"sh", "toml", "python", "text", "yaml", "sql", "{toctree}", "{admonition}"}
+    """`text` is printed, not typed; `yaml` is another program's file."""
+    known = {"sh", "toml", "python", "text", "yaml", "{toctree}", "{admonition}"}
     kinds = {
         name.split()[0] if name else ""
         for page in DOCS.rglob("*.md")

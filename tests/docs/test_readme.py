@@ -63,7 +63,7 @@ def test_what_they_install_exists() -> None:
 
 def test_the_demo_says_what_happened_and_where_everything_is(demo: Demo) -> None:
     said = demo.said
-    assert "dde-2 disconnected for 3 s and reconnected" in said
+    assert "dde-2 lost its cable for 3 s and reconnected" in said
     assert "ucr-1 raised a high-temperature alarm" in said
     assert "would exit with code 1" in said
     named = [

@@ -1,263 +1,192 @@
-"""Runs of a store on a real Dask scheduler with real workers: the same answers, even if a worker is
-killed; a clear error for worse failures.
+"""`Runs.map` in processes and on a real Dask scheduler with two workers: the same figures in the
+same order as here, also if one worker is killed in the middle.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import runpy
-import time
+import shutil
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 import jbclog
-from jbclog.analysis.fleet import processes
-from jbclog.analysis.fleet.processes import Processes
-from jbclog.analysis.fleet.scheduler import Scheduler
-from jbclog.analysis.store.place import Place, place_of
-from jbclog.analysis.store.runs import StoredRuns
-from jbclog.app.publish.folder import publish_all
-from jbclog.app.publish.publisher import Publisher
+from jbclog.analysis import workers
+from jbclog.analysis.trend import trends
+from jbclog.analysis.workers import OfRun, Workers
+from jbclog.app.publish import publish
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.record.published import Tree, key_of
 from support.faults.dask_cluster import (
-    TLS,
     Cluster,
-    certificates,
+    KilledOnce,
     cluster,
     divided,
-    ends_always,
-    killed_at,
-    length,
-    rows_of,
-    slow,
+    figures_and_process,
+    figures_of,
+    kills_always,
 )
+from support.faults.s3_server import BUCKET, serving
 from support.invoked import invoked
-from support.readers.texts import ROOT
 from support.records.many_runs import many_runs
 
-RUNS = 9
+RUNS = 12
+METRIC = "idle_error_c"
 
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs")
-    many_runs(out, [0.1 * number for number in range(RUNS)])
+    many_runs(out, [number / 10 for number in range(RUNS)])
     return out
 
 
 @pytest.fixture(scope="module")
-def place(home: Path, tmp_path_factory: pytest.TempPathFactory) -> Place:
-    found = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(found) as one:
-        assert len([*publish_all(one, home)]) == RUNS
-    return found
+def table(home: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("plant") / "tree"
+    for run in home.iterdir():
+        publish(run, Tree.at(place))
+    return place
 
 
 @pytest.fixture(scope="module")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    with cluster(tmp_path_factory.mktemp("fleet"), workers=2) as one:
-        yield one
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A cluster of two workers that no test kills."""
+    with cluster(tmp_path_factory.mktemp("cluster"), 2) as found:
+        yield found
 
 
-def trend(*words: object, code: int = 0) -> tuple[object, str]:
-    ended = invoked("trend", *words, "--json")
-    assert ended.exit_code == code, ended.output
-    return (json.loads(ended.stdout) if code == 0 else None), ended.stderr
+@pytest.fixture(scope="module")
+def here(table: Path) -> list[tuple[str, int, float]]:
+    """The figures that this process computes."""
+    figures = [result for _, result in jbclog.open_runs(table).map(figures_of)]
+    assert [name for name, _, _ in figures] == sorted(name for name, _, _ in figures)
+    assert len({mean for _, _, mean in figures}) > RUNS // 2
+    return figures
 
 
-def test_a_trend_is_the_same(place: Place, fleet: Cluster) -> None:
-    assert trend(place, "--upper", 4, "--scheduler", fleet.address) == trend(place, "--upper", 4)
-
-
-def test_statistics_are_the_same_to_the_last_digit(place: Place, fleet: Cluster) -> None:
-    runs = jbclog.open_runs(place.url)
-    assert isinstance(runs, StoredRuns)
-    for what in (
-        ("samples", "power_permille", ["run", "port"]),
-        ("joints", "recovery_s", ["station"]),
-    ):
-        pd.testing.assert_frame_equal(
-            runs.on(fleet.address).statistics(*what), runs.statistics(*what), check_exact=True
-        )
-
-
-def test_a_function_of_the_user_is_called_by_workers_for_runs_of_stores_and_folders(
-    home: Path, place: Place, fleet: Cluster, monkeypatch: pytest.MonkeyPatch
+def test_a_worker_killed_in_the_middle_changes_no_figure(
+    table: Path, here: list[tuple[str, int, float]], tmp_path: Path
 ) -> None:
-    here = [(one.folder.name, found[:2]) for one, found in jbclog.open_runs(home).map(rows_of)]
-    assert len(here) == RUNS
-    for folder in (place.url, home):
-        there = [*jbclog.open_runs(folder).map(rows_of, scheduler=fleet.address)]
-        assert [(one.folder.name, found[:2]) for one, found in there] == here
-        assert os.getpid() not in {found[2] for _, found in there}
-    monkeypatch.setattr("jbclog.analysis.runs.MUCH_RUNS", 1)
-    there = [*jbclog.open_runs(place.url).map(rows_of)]
-    assert [(one.folder.name, found[:2]) for one, found in there] == here
-    assert (os.getpid() in {found[2] for _, found in there}) == (len(os.sched_getaffinity(0)) == 1)
+    """Dask gives its tasks to the other one."""
+    with cluster(tmp_path, 2) as found:
+        runs = jbclog.open_runs(table, scheduler=found.address)
+        killed = KilledOnce(here[RUNS // 2][0], tmp_path / "killed")
+        results = [result for _, result in runs.map(killed)]
+        alive = [process for process in found.processes[1:] if process.is_alive()]
+    assert (tmp_path / "killed").exists()
+    assert len(alive) == 1
+    assert [figures for figures, _ in results] == here
+    assert int((tmp_path / "killed").read_text()) not in {process for _, process in results[-2:]}
+    assert runs.unreadable == []
 
 
-def test_the_script_of_the_page_runs(
-    place: Place, fleet: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_both_workers_compute_and_the_order_is_that_of_the_runs(
+    table: Path, here: list[tuple[str, int, float]], two: Cluster, tmp_path: Path
 ) -> None:
-    page = (ROOT / "docs" / "how-to" / "many-computers.md").read_text(encoding="utf-8")
-    script = page.split("```python\n")[1].split("```")[0]
-    for old, new in (
-        ("/data/plant", place.url),
-        ("tcp://10.0.0.5:8786", fleet.address),
-        ("2026-11-01", "2026-09-01"),
-    ):
-        assert old in script
-        script = script.replace(old, new)
-    (tmp_path / "script.py").write_text(f"{script}    print(len(stations), len(tips))\n")
-    runpy.run_path(str(tmp_path / "script.py"), run_name="__main__")
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert len(said.out.splitlines()) == RUNS + 1
-    assert said.out.endswith("\n1 1\n")
+    runs = jbclog.open_runs(table, scheduler=two.address)
+    (tmp_path / "never").touch()
+    results = [*runs.map(KilledOnce(here[0][0], tmp_path / "never"))]
+    assert [figures for _, (figures, _) in results] == here
+    assert [found.run for found, _ in results] == [name for name, _, _ in here]
+    assert len({process for _, (_, process) in results}) == 2
 
 
-def test_a_run_that_cannot_be_read_is_named_and_an_error_of_the_function_is_raised(
-    fleet: Cluster, tmp_path: Path
+def test_folders_of_runs_too(home: Path, here: list[tuple[str, int, float]], two: Cluster) -> None:
+    runs = jbclog.open_runs(home, scheduler=two.address)
+    assert [result for _, result in runs.map(figures_of)] == here
+
+
+def test_the_trend_of_a_table_is_the_same(table: Path, home: Path, two: Cluster) -> None:
+    (alone,) = trends(jbclog.open_runs(home), METRIC)
+    (spread,) = trends(jbclog.open_runs(table, scheduler=two.address), METRIC)
+    assert spread.points == alone.points
+    words = ["trend", table, "--metric", METRIC, "--json"]
+    ended = [invoked(*words), invoked(*words, "--scheduler", two.address)]
+    assert [one.exit_code for one in ended] == [0, 0], ended[1].output
+    assert json.loads(ended[0].stdout) == json.loads(ended[1].stdout)
+
+
+def test_a_table_in_s3(home: Path, here: list[tuple[str, int, float]], tmp_path: Path) -> None:
+    """Workers have the credentials in their own environment."""
+    with serving() as server, pytest.MonkeyPatch.context() as patch:
+        for name, value in server.environment.items():
+            patch.setenv(name, value)
+        place = f"s3://{BUCKET}/fleet"
+        for run in home.iterdir():
+            publish(run, Tree.at(place))
+        with cluster(tmp_path, 2) as found:
+            runs = jbclog.open_runs(place, scheduler=found.address)
+            assert [result for _, result in runs.map(figures_of)] == here
+
+
+def test_processes(table: Path, here: list[tuple[str, int, float]]) -> None:
+    results = [*jbclog.open_runs(table, processes=2).map(figures_and_process)]
+    assert [figures for _, (figures, _) in results] == here
+    (mine,) = {process for _, (_, process) in jbclog.open_runs(table).map(figures_and_process)}
+    assert mine not in {process for _, (_, process) in results}
+
+
+def test_a_killed_process_is_an_error(table: Path) -> None:
+    with pytest.raises(RecordError, match="a process that read runs was killed"):
+        list(jbclog.open_runs(table, processes=2).map(kills_always))
+
+
+@pytest.mark.parametrize("where", ["here", "processes", "scheduler"])
+def test_a_run_that_cannot_be_read_is_listed_and_the_others_go_on(
+    table: Path, here: list[tuple[str, int, float]], two: Cluster, tmp_path: Path, where: str
 ) -> None:
-    many_runs(tmp_path / "runs", [0.1, 0.2])
-    bad, good = sorted((tmp_path / "runs").iterdir())
-    for part in bad.rglob("*.parquet"):
-        part.write_bytes(b"no table")
-    runs = jbclog.open_runs(tmp_path / "runs")
-    assert [one.folder for one, _ in runs.map(length, scheduler=fleet.address)] == [good]
-    assert [one.folder for one in runs.unreadable] == [bad]
+    place = Path(shutil.copytree(table, tmp_path / "tree"))
+    bad = place / key_of(here[1][0], "samples/part-0000.parquet")
+    bad.write_bytes(b"x" * bad.stat().st_size)
+    at = {"processes": {"processes": 2}, "scheduler": {"scheduler": two.address}}.get(where, {})
+    runs = jbclog.open_runs(place, **at)
+    assert [result for _, result in runs.map(figures_of)] == [here[0], *here[2:]]
+    (one,) = runs.unreadable
+    assert one.folder.name == here[1][0]
+    assert "was changed" in one.why
+
+
+@pytest.mark.parametrize("where", ["here", "processes", "scheduler"])
+def test_an_error_of_the_function_ends_the_work(table: Path, two: Cluster, where: str) -> None:
+    at = {"processes": {"processes": 2}, "scheduler": {"scheduler": two.address}}.get(where, {})
     with pytest.raises(ZeroDivisionError):
-        list(runs.map(divided, scheduler=fleet.address))
+        list(jbclog.open_runs(table, **at).map(divided))
 
 
-def test_a_worker_that_is_killed_in_the_middle_changes_no_answer(
-    fleet: Cluster, tmp_path: Path
+def test_a_worker_of_another_version_is_an_error(table: Path, two: Cluster) -> None:
+    other = OfRun(figures_of, made_by="jbclog 0.0.1, rules 1, methods 1")
+    path = str(next(iter(jbclog.open_runs(table).found)).folder)
+    with pytest.raises(UsageError, match=r"here is jbclog 0\.0\.1"):
+        list(Workers(scheduler=two.address).map(other, [path]))
+
+
+def test_workers_that_are_always_killed_are_an_error(
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fleet.worker()  # replaces the killed one
-    for name, engine in (("scheduler", Scheduler(fleet.address)), ("processes", Processes(2))):
-        mark = tmp_path / name
-        found = [*engine.run(partial(killed_at, at=7, mark=mark), range(30))]
-        assert mark.exists()
-        assert found == [number * number for number in range(30)]
+    monkeypatch.setattr(workers, "NO_WORKER_S", 1.0)
+    with cluster(tmp_path, 2) as found:
+        runs = jbclog.open_runs(table, scheduler=found.address)
+        with pytest.raises(RecordError, match=rf"{found.address}: "):
+            list(runs.map(kills_always))
 
 
-def test_a_result_that_has_arrived_before_a_kill_is_kept(tmp_path: Path) -> None:
-    """The next task is begun when the processes are known to be gone."""
-    mark = tmp_path / "killed"
-
-    def tasks() -> Iterator[int]:
-        yield from range(30)[: processes.AHEAD]
-        while not mark.exists():
-            time.sleep(0.01)
-        time.sleep(1.0)
-        yield from range(30)[processes.AHEAD :]
-
-    found = [*Processes(1).run(partial(killed_at, at=1, mark=mark), tasks())]
-    assert found == [number * number for number in range(30)]
-
-
-def test_what_kills_every_process_ends_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "MOST_BREAKS", 0)
-    with pytest.raises(RecordError, match="were killed 1 times, perhaps for lack of memory"):
-        list(Processes(1).run(ends_always, [1]))
-
-
-def test_a_scheduler_that_is_gone_before_or_in_the_middle_is_an_error(
-    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_scheduler_without_workers_or_without_an_answer_is_an_error(
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with cluster(tmp_path, workers=1) as one:
-        results = Scheduler(one.address).run(slow, range(50))
-        assert next(results) == 0
-        monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 1.0)
-        one.processes[0].kill()
-        with pytest.raises(RecordError, match="the scheduler is gone"):
-            list(results)
-    _, said = trend(place, "--scheduler", one.address, code=4)
-    assert f"{one.address}: no scheduler answers" in said
-    assert said.count("\n") == 1
+    monkeypatch.setattr(workers, "CONNECT_S", 1.0)
+    with cluster(tmp_path, 0) as found, pytest.raises(RecordError, match="has no worker"):
+        list(jbclog.open_runs(table, scheduler=found.address).map(figures_of))
+    with pytest.raises(RecordError, match="no scheduler answers"):
+        list(jbclog.open_runs(table, scheduler="tcp://127.0.0.1:1").map(figures_of))
+    ended = invoked("trend", table, "--scheduler", "tcp://127.0.0.1:1")
+    assert ended.exit_code == 4
+    assert len(ended.stderr.splitlines()) == 1
 
 
-def test_without_workers_from_the_start_or_from_the_middle_on_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 1.0)
-    monkeypatch.setattr("jbclog.analysis.fleet.scheduler.NO_WORKER_S", 0.5)
-    monkeypatch.setattr("jbclog.analysis.fleet.scheduler.LOOK_S", 0.2)
-    with cluster(tmp_path, workers=0) as one:
-        with pytest.raises(
-            RecordError, match="the scheduler has no worker; start `dask worker tcp://"
-        ):
-            list(Scheduler(one.address).run(abs, [1]))
-        monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 30.0)
-        worker = one.worker()
-        results = Scheduler(one.address).run(slow, range(50))
-        assert next(results) == 0
-        worker.kill()
-        with pytest.raises(RecordError, match=r"since 0\.5 s the scheduler has no worker"):
-            list(results)
-
-
-def test_a_worker_of_another_version_is_refused_also_one_that_joins_later(tmp_path: Path) -> None:
-    (tmp_path / "other.py").write_text("import jbclog\njbclog.__version__ = '0.0.1'\n")
-    with cluster(tmp_path, workers=1) as one:
-        results = Scheduler(one.address).run(slow, range(200))
-        assert next(results) == 0
-        one.worker("--preload", "other.py")
-        with pytest.raises(
-            RecordError,
-            match=r"a worker has another version: it has jbclog 0\.0\.1, .*Install the same on all",
-        ):
-            list(results)
-        with pytest.raises(
-            RecordError,
-            match=r"has another version \(1 in all\): jbclog 0\.0\.1, .*here is jbclog 0\.1",
-        ):
-            list(Scheduler(one.address).run(abs, [1]))
-
-
-def test_tls_works_with_certificates_and_not_without(
-    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    certificates(tmp_path)
-    import dask
-
-    files = {"ca-file": "ca.pem", "client.cert": "node.pem", "client.key": "node.key"}
-    ours = {f"distributed.comm.tls.{name}": str(tmp_path / file) for name, file in files.items()}
-    with cluster(tmp_path, 1, TLS) as one:
-        assert one.address.startswith("tls://")
-        _, said = trend(place, "--scheduler", one.address, code=4)
-        assert "certificates come from Dask's configuration" in said
-        with dask.config.set(ours):
-            assert trend(place, "--scheduler", one.address) == trend(place)
-        monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 1.0)
-        with pytest.raises(RecordError, match="no scheduler answers"):
-            list(Scheduler(one.address.replace("tls:", "tcp:")).run(abs, [1]))
-
-
-@pytest.mark.parametrize(
-    "address",
-    [
-        "",
-        "8786",
-        "host:8786",
-        "http://host:8786",
-        "tcp://host",
-        "tcp://host:99999",
-        "tcp://a@b:1",
-        "tcp://h:1/x",
-    ],
-)
-def test_what_is_no_address_is_wrong_usage(place: Place, address: str) -> None:
-    with pytest.raises(UsageError, match="a scheduler is tcp://HOST:PORT or tls://HOST:PORT"):
-        Scheduler(address)
-    trend(place, "--scheduler", address, code=2)
-
-
-def test_a_scheduler_reads_stores_only(home: Path) -> None:
-    _, said = trend(home, "--scheduler", "tcp://127.0.0.1:1", code=2)
-    assert "is a folder of runs, and a scheduler reads stores; `jbclog publish" in said
+@pytest.mark.parametrize("address", ["127.0.0.1:8786", "http://a:1", "tcp://user@a:1", "tcp://a"])
+def test_an_address_that_is_none(table: Path, address: str) -> None:
+    with pytest.raises(UsageError, match="a scheduler is tcp://HOST:PORT"):
+        jbclog.open_runs(table, scheduler=address)
+    assert invoked("trend", table, "--scheduler", address).exit_code == 2

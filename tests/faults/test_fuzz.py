@@ -48,8 +48,8 @@ from jbclog.record.capture import (
     count_rows,
     is_done,
     mend,
-    read_exchanges,
     read_head,
+    read_to_hole,
     rows_and_holes,
     wire_path,
 )
@@ -312,7 +312,7 @@ def _looked(data: bytes, folder: Path) -> list[Any]:
     for look in (
         read_head,
         lambda path: found.extend(rows_and_holes(path)),
-        lambda path: [*read_exchanges(path)],
+        lambda path: [*read_to_hole(path)],
     ):
         with suppress(RecordError):
             look(path)

@@ -1,116 +1,73 @@
-"""Two publishers of one run, each killed (SIGKILL) at one of its commits: in the end there is one
-copy, and it is whole.
-
-What a killed publisher left behind does not count. `store check` removes it; then each table has
-the rows of the run and no others.
-"""
+"""A publisher that is killed while it writes any of its files, and another one that repeats it."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import signal
-from collections.abc import Callable
-from datetime import timedelta
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from deltalake import DeltaTable
 
-import jbclog
-from jbclog.analysis.store.place import Place, place_of
-from jbclog.analysis.store.schema import DATA, RUNS
-from jbclog.app.publish.lease import leases
-from jbclog.app.publish.publisher import Publisher, Result
-from jbclog.app.publish.upkeep import SWEPT_AFTER, check
-from support.campaigns.slices import first
-from support.faults.killed_publisher import COMMITS, start
-from support.records import small_run
+from jbclog.app.publish import publish
+from jbclog.record.published import Tree
+from support.records.many_runs import one_run
 
-DEATHS = [(number, when) for number in range(COMMITS, 0, -1) for when in ("after", "before")]
-AT_ONCE = timedelta(0)
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from jbclog.app.publish import publish
+from jbclog.record.published import Tree
+
+run, table, after = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+put, count = Tree.put, iter(range(100))
+
+def half(pieces):
+    for piece in pieces:
+        yield piece[: len(piece) // 2]
+        os.kill(os.getpid(), signal.SIGKILL)
+
+def killing(self, key, pieces):
+    put(self, key, half(pieces) if next(count) == after else pieces)
+
+Tree.put = killing
+publish(run, Tree.at(table))
+"""
+
+
+def content(table: Path) -> dict[str, bytes]:
+    """Every file of the tree but what a killed publisher was writing, which readers ignore."""
+    files = (path for path in table.rglob("[!.]*") if path.is_file())
+    return {path.relative_to(table).as_posix(): path.read_bytes() for path in files}
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return small_run.make_run(tmp_path_factory.mktemp("runs"), 12.0)
+    return one_run(tmp_path_factory.mktemp("runs"), 0)
 
 
-def expected(run: Path) -> dict[str, int]:
-    whole = jbclog.open_run(run)
-    return {name: len(getattr(whole, name)()) for name in DATA} | {RUNS: 1}
+@pytest.mark.parametrize("after", range(7))
+def test_killed_and_repeated_the_result_is_the_same(run: Path, tmp_path: Path, after: int) -> None:
+    publish(run, Tree.at(tmp_path / "whole"))
+    table = tmp_path / "plant"
+    ended = subprocess.run([sys.executable, "-c", KILLED, run, table, str(after)], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert Tree.at(table).runs() == []
+    whole = content(tmp_path / "whole")
+    assert content(table).items() < whole.items()
+    assert len(content(table)) == after
+    publish(run, Tree.at(table))
+    assert content(table) == whole
 
 
-def there(place: Place) -> dict[str, int]:
-    return {
-        name: DeltaTable(place.of(name)).to_pyarrow_dataset().count_rows() for name in (*DATA, RUNS)
-    }
-
-
-def killed(run: Path, place: Place, *deaths: tuple[int, str]) -> None:
-    """Publish with one process for each death, all at once; each is killed, or finds that the other
-    has published the run.
-    """
-    Publisher(place).__exit__()  # makes the tables, whose creation belongs to no publication
-    for one in [start(run, Path(place.url), number, when) for number, when in deaths]:
-        said, wrong = one.communicate(timeout=120)
-        assert one.returncode in (-signal.SIGKILL, 0), said + wrong
-        assert one.returncode == -signal.SIGKILL or any(
-            result.value in said for result in (Result.THERE, Result.PUBLISHED)
-        )
-
-
-def in_the_end(run: Path, place: Place) -> None:
-    """The next publisher finds the run or publishes it; then there is one copy, and nothing is left
-    of others.
-    """
-    with Publisher(place) as last:
-        assert last.publish(run).result in (Result.PUBLISHED, Result.THERE)
-    (read,) = jbclog.open_runs(place.url)
-    assert {name: len(getattr(read, name)()) for name in DATA} | {RUNS: 1} == expected(run)
-    found = check(place, AT_ONCE)
-    assert (found.findings, found.runs) == ([], 1)
-    assert there(place) == expected(run)
-    assert [*leases(place)] == []
-    assert check(place, AT_ONCE).leftovers == []
-
-
-@pytest.mark.parametrize("trial", first(1, range(len(DEATHS))))
-def test_one_is_killed(run: Path, tmp_path: Path, trial: int, counted: Callable[..., None]) -> None:
-    place = place_of(tmp_path / "store")
-    killed(run, place, DEATHS[trial])
-    is_done = DEATHS[trial] == (COMMITS, "after")
-    # nothing of it counts before its last commit
-    assert len(jbclog.open_runs(place.url)) == is_done
-    in_the_end(run, place)
-    counted(publishers_killed=1)
-
-
-@pytest.mark.campaign
-@pytest.mark.timeout(1800)
-def test_two_are_killed(run: Path, tmp_path: Path, counted: Callable[..., None]) -> None:
-    trials = [
-        # each death once for each of the two
-        *((one, DEATHS[(7 * number + 3) % len(DEATHS)]) for number, one in enumerate(DEATHS)),
-        ((COMMITS, "before"),) * 2,
-        ((COMMITS, "after"),) * 2,
-    ]
-    for number, deaths in enumerate(trials):
-        place = place_of(tmp_path / f"store-{number}")
-        killed(run, place, *deaths)
-        in_the_end(run, place)
-        counted(pairs_of_publishers_killed=1)
-
-
-def test_what_is_younger_stays(run: Path, tmp_path: Path) -> None:
-    """A publisher may be slow: its rows stay for a day unless somebody asks for less; they do not
-    count as a run.
-    """
-    place = place_of(tmp_path / "store")
-    killed(run, place, (COMMITS, "before"))
-    assert len(jbclog.open_runs(place.url)) == 0
-    before = there(place)
-    found = check(place, SWEPT_AFTER)
-    assert found.findings == []
-    assert len(found.leftovers) == len(DATA)
-    assert all(text.endswith("younger than 24 h") for text in found.leftovers)
-    assert there(place) == before
-    in_the_end(run, place)
+def test_two_processes_publish_one_run(run: Path, tmp_path: Path) -> None:
+    publish(run, Tree.at(tmp_path / "whole"))
+    program = shutil.which("jbclog", path=os.path.dirname(sys.executable))  # noqa: PTH120
+    assert program is not None
+    for number in range(3):
+        table = tmp_path / f"plant-{number}"
+        both = [subprocess.Popen([program, "publish", run, table]) for _ in range(2)]
+        assert [one.wait() for one in both] == [0, 0]
+        assert content(table) == content(tmp_path / "whole")

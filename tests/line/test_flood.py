@@ -196,7 +196,7 @@ def _noted(session: Steps[StationFacts], tape: list[ReplayStep]) -> Steps[Statio
     asked: list[bytes] = [b""]
 
     def keep(told: object) -> None:
-        tape.append(ReplayStep(0, told, asked[0], given[0]))  # type: ignore[arg-type]
+        tape.append(ReplayStep(told, asked[0], given[0]))  # type: ignore[arg-type]
 
     steps = captured(session, keep, lambda: 0.0)
     try:
@@ -221,7 +221,7 @@ def _relived(run: VirtualRun, tape: list[ReplayStep]) -> Memory:
     memory, driver = Memory(), VirtualDriver(clock)
     context = SessionContext(next(iter(run.contexts.values())).order, memory, UtcOffset(clock))
 
-    def astray(where: Divergence) -> tuple[float, str]:
+    def astray(where: Divergence) -> None:
         raise AssertionError(str(where))
 
     driver.add(replayed(run_station(context), tape, astray), run.taps["dde-1"])

@@ -1,22 +1,19 @@
-"""A recorded run served again on pseudo-terminals: the decoded tables are equal."""
+"""Runs on pseudo-terminals, reproduced from their captures: the decoded tables are equal."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
-import shlex
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.run import open_run
 from jbclog.record.capture import wire_path
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
@@ -70,19 +67,6 @@ SLOW = [
     "transformer_c",
     "transistor_c",
 ]
-
-
-@contextmanager
-def served(run: Path, folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """Run `jbclog replay` until its ports are there; end it with Ctrl-C."""
-    process = started("replay", run, "--dir", folder, *options)
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == f"{folder / 'line.toml'}\n"
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=200)
 
 
 @pytest.fixture(scope="module")
@@ -204,106 +188,6 @@ def test_lived_through_again_the_tables_are_the_same(original: Path, tmp_path: P
     assert again.name[:16] == f"{started_at:%Y%m%dT%H%M%SZ}"
 
 
-def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
-    """If the host loses so many answers that a link counts as lost, the trial shows nothing, and
-    another follows.
-    """
-    for trial in range(4):
-        ended = recorded_again(original, tmp_path / str(trial))
-        again = only_run(tmp_path / str(trial) / "runs")
-        if (
-            ended.returncode in (0, 1)
-            and counters_were_read(again)
-            and lost_while_sampling(again) == lost_while_sampling(original)
-        ):
-            break
-    assert ended.returncode in (0, 1), ended.stderr
-    first, second = open_run(original), open_run(again)
-    for station in ("dde-1", "ucr-1"):
-        ours, theirs = rows(original, station), rows(again, station)
-        assert len(theirs) == len(ours) == HZ * SECONDS
-        for column in (*FAST, *SLOW):
-            assert is_in_order(theirs[column], ours[column]), column
-        if (
-            was_on_time(ours)
-            and was_on_time(theirs)
-            and all(abs(theirs[one].count() - ours[one].count()) <= 1 for one in FAST)
-        ):
-            for column in FAST:
-                assert share_of_same(ours[column], theirs[column]) > 0.8, column
-            # when the wire has room for them is a matter of fractions of a millisecond
-            for column in SLOW:
-                assert abs(theirs[column].count() - ours[column].count()) <= 1, column
-        written = ["port", "setting", "requested", "written", "readback", "outcome"]
-        pd.testing.assert_frame_equal(
-            first.settings(station)[written], second.settings(station)[written]
-        )
-        before, after = raw_counters(original, station), raw_counters(again, station)
-        # a host that is late loses an answer, and what follows is asked at other times
-        whole = min(in_time(before), in_time(after))
-        assert after[:whole] == before[:whole]
-        assert whole >= AT_START
-        assert kinds(second, station) == kinds(first, station)
-
-
-def recorded_again(original: Path, place: Path) -> subprocess.CompletedProcess[str]:
-    """Record the served run with the command that `replay` proposes."""
-    place.mkdir()
-    with served(original, place / "served") as replaying:
-        assert replaying.stderr is not None
-        replaying.stderr.readline()
-        typed = shlex.split(replaying.stderr.readline())
-        assert typed[:2] == ["jbclog", "run"]
-        assert {"--duration", "--order", "A 7"} < set(typed)
-        return jbclog(*typed[1:], "--out", place / "runs")
-
-
-def was_on_time(samples: pd.DataFrame) -> bool:
-    """Whether the host asked the first question of each tick within the tick's first tenth:
-    otherwise values move to other ticks.
-    """
-    return samples["late_us"].max() is not pd.NA and bool(samples["late_us"].max() < 0.1e6 / HZ)
-
-
-def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:
-    """Return the share of their values that equal ours at the same tick or a neighbour; 1.0 without
-    values to compare.
-
-    A busy host asks late, and the served run then gives the value of the next tick.
-    """
-    both = ours.notna() & theirs.notna()
-    same = (
-        pd.concat([ours.shift(by) == theirs for by in (-1, 0, 1)], axis=1).fillna(False).any(axis=1)
-    )
-    return float(same[both].mean()) if both.any() else 1.0
-
-
-def is_in_order(read: pd.Series, of: pd.Series) -> bool:
-    """Whether the values read are values of the other run in the same order, each for any number of
-    ticks.
-
-    The capture has answers that the rows of the other run do not show, and the served station gives
-    them: the one before the first row, to a host that starts sooner, and one that came too late for
-    its tick, where the other run has a null.
-    """
-    left = iter(of)
-    return all(any(one is pd.NA or one == value for one in left) for value in changes(read)[1:])
-
-
-def changes(column: pd.Series) -> list[int]:
-    """Return the values read, each one once until it changes."""
-    known = column.dropna()
-    return known[(known != known.shift()).fillna(True)].to_list()
-
-
-def kinds(run: Run, station: str) -> list[str]:
-    """Return the kinds of events, without those of a busy host; a slow signal that was not read may
-    be reported after the end.
-    """
-    of_the_host = ("read.", "alarm.", "host.", "station.slow")
-    return [kind for kind in run.events(station)["kind"] if not kind.startswith(of_the_host)]
-
-
 CALM = re.sub(r"\[\[station.sim.fault\]\].*?(?=\n\n|\Z)", "", LINE, flags=re.DOTALL)
 
 
@@ -330,36 +214,6 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
     assert ended.returncode in (0, 1), ended.stderr
     return only_run(place / "runs")
-
-
-@pytest.mark.campaign
-def test_recorded_again_it_has_the_same_rows(calm: Path, tmp_path: Path) -> None:
-    """Each station has as many rows as before, at its own rate, and the same values unless the host
-    lost a tick.
-    """
-    with served(calm, tmp_path / "served") as replaying:
-        assert replaying.stderr is not None
-        replaying.stderr.readline()
-        typed = shlex.split(replaying.stderr.readline())
-        ended = jbclog(*typed[1:], "--out", tmp_path / "runs")
-    assert ended.returncode in (0, 1), ended.stderr
-    again = only_run(tmp_path / "runs")
-    first, second = read_manifest(calm), read_manifest(again)
-    assert [one.period_s for one in second.stations] == pytest.approx(
-        [one.period_s for one in first.stations]
-    )
-    assert len({one.period_s for one in first.stations}) == 2
-    for station in ("dde-1", "ucr-1"):
-        ours, theirs = rows(calm, station), rows(again, station)
-        assert len(ours) == len(theirs)
-        on_time = (ours["late_us"] < 10_000) & (theirs["late_us"] < 10_000)
-        for column in FAST:
-            assert share_of_same(ours[on_time][column], theirs[on_time][column]) > 0.9
-        assert set(kinds(open_run(calm), station)) <= set(kinds(open_run(again), station))
-        assert (
-            open_run(again).counters(station)["raw"].to_list()
-            == open_run(calm).counters(station)["raw"].to_list()
-        )
 
 
 # -- nothing compared is no success ----------------------------------------------------------------
@@ -470,13 +324,9 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     for arguments, why in (
-        (
-            [str(original), "--record", "again", "--dir", "x"],
-            "--record serves no stations: omit --dir and --tcp",
-        ),
-        (["nowhere"], "no such folder"),
-        (["empty"], "only a run recorded with --capture can be replayed"),
-        ([str(original), "--dir", str(original)], "would be overwritten"),
+        (["nowhere", "--record", "again"], "no such folder"),
+        (["empty", "--record", "again"], "only a run recorded with --capture can be replayed"),
+        ([str(original)], "--record"),
     ):
         ended = invoked("replay", *arguments)
         assert (ended.exit_code, ended.stdout) == (2, "")

@@ -166,10 +166,14 @@ def test_an_accepted_name_is_acted_upon_where_the_run_has_borne_it_out(
         identity.model = own
 
 
-def test_a_lease_of_the_first_release_can_be_read(line: ServedLine) -> None:
+@pytest.mark.parametrize("key", ["model_accepted", "suction"])
+def test_a_lease_without_a_key_is_not_read(line: ServedLine, key: str) -> None:
+    """No release wrote one: a lease says all that a take-over needs."""
     written = json.loads(lease(line, "dde-1").to_json())
-    del written["model_accepted"]
     assert StationLease.from_json(json.dumps(written)) == lease(line, "dde-1")
+    del written[key]
+    with pytest.raises(ValueError, match=f"missing keys {key}"):
+        StationLease.from_json(json.dumps(written))
 
 
 @pytest.mark.usefixtures("unhurried")

@@ -155,7 +155,7 @@ def test_finding_runs_is_light(words: list[str], tmp_path: Path) -> None:
         "from typer.testing import CliRunner; from jbclog.cli.app import app;"
         f" CliRunner().invoke(app, {[*words, str(tmp_path)]!r})"
     )
-    assert loaded_by(call, *HEAVY, "numpy", "pyarrow", "scipy", "deltalake") == set()
+    assert loaded_by(call, *HEAVY, "numpy", "pyarrow", "scipy") == set()
 
 
 def test_the_recorder_loads_no_heavy_package() -> None:

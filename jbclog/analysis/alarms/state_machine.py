@@ -109,7 +109,7 @@ def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -
 
 def number_of(text: str | None) -> float | None:
     """Return the number in a setting such as ``380`` or ``0.50 s``; None: off or not known.
-    ``inf``, as a changed setting may have, is none.
+    ``inf``, as a damaged setting may have, is none.
     """
     try:
         number = float(str(text).split(" ", 1)[0])

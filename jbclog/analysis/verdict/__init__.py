@@ -5,7 +5,7 @@ Start with `verdict.py`, then `rules.py`, `port_rules.py`, `joint_rules.py`, `re
 `quantiles.py` have the statistics.
 """
 
-from jbclog.analysis.rule_versions import RULES
+from jbclog.analysis.rules_number import RULES
 from jbclog.analysis.verdict.acceptance import asks_for_joints
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, Feeds, Joints, PortJoints, Recovery

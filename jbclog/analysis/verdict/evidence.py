@@ -101,8 +101,6 @@ class Evidence:
     - `joints`: of each port whose recipe limits them
     - `goals`: numbers of units and joints at which the run was to end
     - `targets`: what each station's recipe requires of its tools
-    - `counts_lacking`: whether a setting that a station does not have is a deviation; release
-      0.1.0, also version 1 of the rules, ignored it
     """
 
     folder: Path
@@ -114,7 +112,6 @@ class Evidence:
     joints: Joints = field(default_factory=dict)
     goals: Sequence[Goal] = ()
     targets: Mapping[str, Targets] = field(default_factory=dict)
-    counts_lacking: bool = True
 
     def port_ledger(self, station: str, port: int) -> PortLedger:
         """Return the accounting of one port; empty if nothing was ever due."""
@@ -163,17 +160,15 @@ class Outcomes:
     lacking: list[str] = field(default_factory=list)
 
 
-def read_outcomes(folder: Path, *, counts_lacking: bool = True) -> dict[str, Outcomes]:
-    """Return the outcomes of each station's settings. `counts_lacking`: also settings that the
-    station does not have.
-    """
+def read_outcomes(folder: Path) -> dict[str, Outcomes]:
+    """Return the outcomes of each station's settings."""
     found: dict[str, Outcomes] = {}
     for row in _rows(folder / "settings", ["station", "setting", "requested", "outcome"]):
         outcomes, outcome = found.setdefault(str(row["station"]), Outcomes()), str(row["outcome"])
         is_of_other_families = row["requested"] is None
         if outcome not in ("read", "repeated", "unsupported"):
             outcomes.counts[outcome] += 1
-        elif counts_lacking and outcome == "unsupported" and not is_of_other_families:
+        elif outcome == "unsupported" and not is_of_other_families:
             outcomes.lacking.append(str(row["setting"]))
     return found
 

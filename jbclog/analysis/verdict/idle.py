@@ -30,9 +30,6 @@ The error is temperature minus setpoint: its mean, and its standard deviation ar
 Readings are evaluated in blocks of `BLOCK_S`, each of which begins unsettled, so that holding power
 and recovery follow the day and memory stays small. With fewer than `ENOUGH_ROWS` idle readings or
 less than `ENOUGH_S` of them, the figures are unknown, never zero.
-
-Rules 1 and 2 counted as rest what was `AFTER_JOINT_S` after such a draw and `BEFORE_JOINT_S` before
-one; runs that these judged are compared by them again.
 """
 
 from __future__ import annotations
@@ -48,10 +45,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.rule_versions import BOUNDS_HOLD, RULES
-from jbclog.analysis.verdict.batch_means import CELL_S as BATCH_CELL_S
-from jbclog.analysis.verdict.batch_means import bounds_by_batches, means_of_batches
-from jbclog.analysis.verdict.bounds import Bound, Bounds, Cells, bounds_of_cells
+from jbclog.analysis.verdict.bounds import Bounds, Cells, bounds_of_cells
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -63,7 +57,7 @@ SETTING_HOLDS_S = 15.0  # the setpoint is due every 5 s; two lost readings are b
 CALM_C, CALM_S = 2.0, 2.0
 HOLDING_QUANTILE = 0.2
 HEADROOM_PERMILLE = 100.0
-AFTER_JOINT_S, BEFORE_JOINT_S = 1.0, 0.3
+BEFORE_JOINT_S = 0.3
 FULL_PERMILLE = 970.0
 AGES_S = (1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 20.0)
 TAIL_C, CHANCE, FEW = 0.3, 2.0, 3
@@ -71,7 +65,6 @@ LEAP_C = 50.0
 ENOUGH_ROWS, ENOUGH_S = 10, 3.0
 
 NOT_IDLE = "The tip never rested long enough: its temperature did not settle in any pause."
-NOT_SEEN_IDLE = "The tool was not idle long enough."  # text of rules 1 and 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,21 +123,17 @@ def _block_of(second: np.float64) -> int:
 
 @dataclass(slots=True)
 class IdleError:
-    """The idle readings of a port, as sums, for version `rules` of the rules."""
+    """The idle readings of a port, as sums."""
 
-    rules: int = RULES
     rows: int = 0
     seconds: float = 0.0
     total: float = 0.0
     squares: float = 0.0
-    cells: Cells = field(init=False)
+    cells: Cells = field(default_factory=Cells)
     # the latest bounds, and their number of readings
     _bounds: tuple[int, Bounds | str] | None = field(
         default=None, init=False, repr=False, compare=False
     )
-
-    def __post_init__(self) -> None:
-        self.cells = Cells() if self.rules >= BOUNDS_HOLD else Cells(BATCH_CELL_S)
 
     def add(self, seconds: Floats, errors: Floats, period_s: float) -> None:
         """Add idle readings: their times in s and errors in °C, `period_s` apart."""
@@ -173,10 +162,8 @@ class IdleError:
         spread = self.squares - self.total * self.total / self.rows
         return sqrt(max(spread, 0.0) / (self.rows - 1))
 
-    def latest_bounds(self) -> Bounds | str:
-        """Return the 95 % bounds of both by the latest rules (`bounds.py`), or why there are
-        none.
-        """
+    def bounds(self) -> Bounds | str:
+        """Return the 95 % bounds of both (`bounds.py`), or why there are none."""
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
             return NOT_IDLE
@@ -184,33 +171,19 @@ class IdleError:
             self._bounds = self.rows, bounds_of_cells(self.cells, self.seconds, mean, spread)
         return self._bounds[1]
 
-    @property
-    def bounds(self) -> tuple[Bound, Bound] | None:
-        """95 % bounds of both by version `rules`, or None."""
-        mean, spread = self.mean_c, self.sd_c
-        if mean is None or spread is None:
-            return None
-        if self.rules < BOUNDS_HOLD:
-            means = means_of_batches(self.cells, self.seconds / self.rows)
-            return bounds_by_batches(self.rows, mean, spread, means)
-        found = self.latest_bounds()
-        return None if isinstance(found, str) else (found.mean, found.sd)
 
-
-def idle_readings(block: Block, period_s: float, rules: int = RULES) -> tuple[Floats, Floats]:
-    """Return the time in s of each idle reading, and its temperature minus setpoint in °C, by
-    version `rules` of the rules.
-    """
+def idle_readings(block: Block, period_s: float) -> tuple[Floats, Floats]:
+    """Return the time in s of each idle reading, and its temperature minus setpoint in °C."""
     setting = setting_in_force(block.seconds, block.setting)
 
     def find() -> Flags:
-        return _idle_rows(block, setting, period_s, rules)
+        return _idle_rows(block, setting, period_s)
 
-    idle = find() if rules < BOUNDS_HOLD else KEPT.rows(block, period_s, find)
+    idle = KEPT.rows(block, period_s, find)
     return block.seconds[idle], np.asarray(block.temperature[idle] - setting[idle], np.float64)
 
 
-def _idle_rows(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
+def _idle_rows(block: Block, setting: Floats, period_s: float) -> Flags:
     usable = (
         block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
     )
@@ -223,15 +196,12 @@ def _idle_rows(block: Block, setting: Floats, period_s: float, rules: int) -> Fl
     if not calm.any():
         return found
     errors = np.asarray(temperature - in_force, dtype=np.float64)
-    if rules < BOUNDS_HOLD:
-        found[usable] = calm & outside_joints(seconds, power, calm)
-    else:
-        found[usable] = calm & at_rest(seconds, power, errors, calm, starts, period_s)
+    found[usable] = calm & at_rest(seconds, power, errors, calm, starts, period_s)
     return found
 
 
 class KeptRows:
-    """Cache of which rows of blocks are idle by the latest rules, by a digest of the block.
+    """Cache of which rows of blocks are idle, by a digest of the block.
 
     A report needs them twice, for its metrics and for its verdict, and computing them takes several
     times as long as a digest.
@@ -394,16 +364,6 @@ def _moved(rests: _Rests, errors: Floats, rows: Flags, age_s: float, period_s: f
         total = np.bincount(rests.number[part], errors[part], minlength=number)
         means.append(total / np.where(count >= width / period_s / 2, count, np.nan))
     return np.asarray(means[0] - means[1], dtype=np.float64)
-
-
-def outside_joints(seconds: Floats, power: Floats, calm: Flags) -> Flags:
-    """Return the rows far enough from any row above holding power (rules 1 and 2)."""
-    busy = power > np.quantile(power[calm], HOLDING_QUANTILE) + HEADROOM_PERMILLE
-    last = np.maximum.accumulate(np.where(busy, seconds, -np.inf))
-    following = np.minimum.accumulate(np.where(busy, seconds, np.inf)[::-1])[::-1]
-    return np.asarray(
-        (seconds - last >= AFTER_JOINT_S) & (following - seconds >= BEFORE_JOINT_S), dtype=np.bool_
-    )
 
 
 def in_place(tool: Floats, port_error: Floats) -> Flags:

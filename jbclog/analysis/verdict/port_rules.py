@@ -16,11 +16,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from jbclog.analysis.rule_versions import BOUNDS_HOLD
 from jbclog.analysis.verdict.acceptance import REACHED_LIMITS, is_bare
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, PortLedger
-from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE
+from jbclog.analysis.verdict.idle import NOT_IDLE
 from jbclog.analysis.verdict.reached import (
     AT_WORK_PERCENT,
     ORDERS_WORK,
@@ -49,21 +48,20 @@ def port_rules(
     acceptance: Acceptance,
     ledger: PortLedger,
     measure: PortMeasure | None,
-    by: int,
 ) -> Iterator[Rule]:
     """Yield the rules on a port, in reading order."""
     station = facts.name
     if acceptance.coverage_percent is not None:
         rule = coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
-        yield rule if by == 1 else _without_host(rule, facts, ledger)
+        yield _without_host(rule, facts, ledger)
     if acceptance.longest_gap_s is not None:
         seen = None if measure is None else measure.gap_s
         gap = f"Longest gap in {'temperature' if reports(facts, TEMPERATURE) else 'readings'}"
         rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", gap)
         if seen is None and _any_says_no_state(facts, ledger):
             rule = replace(rule, text=NO_STATE)
-        yield rule if by == 1 else _gap_without_host(rule, measure)
-    yield from idle_rules(facts, port, acceptance, measure, by)
+        yield _gap_without_host(rule, measure)
+    yield from idle_rules(facts, port, acceptance, measure)
 
 
 def heat_rules(
@@ -97,7 +95,7 @@ def heat_rules(
 
 
 def idle_rules(
-    facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int
+    facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None
 ) -> Iterator[Rule]:
     """Yield the rules on idle error and idle standard deviation."""
     stated = (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c))
@@ -109,13 +107,14 @@ def idle_rules(
         )
         return
     if measure is None or measure.idle.mean_c is None:
-        why = NOT_IDLE if by >= BOUNDS_HOLD else NOT_SEEN_IDLE
         yield from (
-            Rule(name, facts.name, port, limit, None, "°C", Result.MISSING, why)
+            Rule(name, facts.name, port, limit, None, "°C", Result.MISSING, NOT_IDLE)
             for name, limit in limits.items()
         )
         return
-    mean_bound, sd_bound = _bounds(measure, by)
+    bounds = measure.idle.bounds()
+    mean_bound = bounds if isinstance(bounds, str) else bounds.mean
+    sd_bound = bounds if isinstance(bounds, str) else bounds.sd
     if "idle_error" in limits:
         rule = idle_error_rule(facts.name, port, limits["idle_error"], measure.idle.mean_c)
         yield bounded(rule, mean_bound, bare=is_bare(acceptance))
@@ -132,23 +131,13 @@ def idle_rules(
         yield bounded(rule, sd_bound, bare=is_bare(acceptance))
 
 
-def _bounds(measure: PortMeasure, by: int) -> tuple[Bound | str | None, Bound | str | None]:
-    """Return the bounds of idle error and standard deviation; a sentence why there is none; None if
-    the rules need none.
-    """
-    if by < BOUNDS_HOLD:
-        return measure.idle.bounds or (None, None)
-    found = measure.idle.latest_bounds()
-    return (found, found) if isinstance(found, str) else (found.mean, found.sd)
-
-
-def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rule:
+def bounded(rule: Rule, bound: Bound | str, *, bare: bool = False) -> Rule:
     """Return the rule with the bound of its figure, or with the sentence why there is none.
 
     The limit is kept if figure and bound keep it. If only the figure keeps it, or there is no
-    bound, evidence is missing, unless figures are judged `bare`. `bound` None: the rules need none.
+    bound, evidence is missing, unless figures are judged `bare`.
     """
-    if bound is None or rule.result is Result.MISSING:
+    if rule.result is Result.MISSING:
         return rule
     if isinstance(bound, str):
         return (

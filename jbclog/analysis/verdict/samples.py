@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.port_split import gathered, sorted_by_port
-from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.clock_steps import (
     Step,
     Unstepped,
@@ -99,12 +98,11 @@ class PortMeasure:
 
     period_s: float | None
     heat: Heat = field(default_factory=lambda: Heat(None))
-    rules: int = RULES
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
     readings: int = 0  # number of readings of the judged signals
-    idle: IdleError = field(init=False)
+    idle: IdleError = field(default_factory=IdleError)
     host_skips: bool = False  # the computer skipped readings, or may have
     no_rows: bool = False  # ticks without rows are the computer's too
     _gap: Gap = field(default_factory=lambda: Gap(0.0))
@@ -112,9 +110,6 @@ class PortMeasure:
     _block: int = 0
     _held: list[Block] = field(default_factory=list)
     unstepped: Unstepped = field(default_factory=lambda: Unstepped([]))
-
-    def __post_init__(self) -> None:
-        self.idle = IdleError(self.rules)
 
     @property
     def gap_s(self) -> float | None:
@@ -178,7 +173,7 @@ class PortMeasure:
         if self._held:
             block = _joined(self._held)
             step = self.period_s or nominal_period(block.seconds)
-            self.idle.add(*idle_readings(block, step, self.rules), step)
+            self.idle.add(*idle_readings(block, step), step)
             self._held.clear()
 
 
@@ -195,7 +190,7 @@ def _joined(blocks: list[Block]) -> Block:
 
 
 Measures = dict[tuple[str, int], PortMeasure]
-Measuring = Callable[[Path, dict[str, StationFacts], Mapping[str, float], int], Measures]
+Measuring = Callable[[Path, dict[str, StationFacts], Mapping[str, float]], Measures]
 """Measures the ports of stations as `measure` does."""
 Groups = Callable[[str, list[str]], Iterable[pa.Table]]
 
@@ -204,11 +199,9 @@ def measure(
     folder: Path,
     stations: dict[str, StationFacts],
     within_c: Mapping[str, float] = MappingProxyType({}),
-    rules: int = RULES,
     groups: Groups | None = None,
 ) -> Measures:
-    """Return the measures of every port of `stations` that has rows in ``folder/samples``, by
-    version `rules` of the rules.
+    """Return the measures of every port of `stations` that has rows in ``folder/samples``.
 
     `groups` reads the rows of a run that is not in a folder. `within_c`: how close to their
     setpoints a station's tools have to come, if not the default.
@@ -228,7 +221,7 @@ def measure(
         for station, port, rows, read, marks in _ports(batch, stations, signals):
             if (station, port) not in measures:
                 measures[station, port] = _new(
-                    stations[station], steps, within_c.get(station, WITHIN_C), rules
+                    stations[station], steps, within_c.get(station, WITHIN_C)
                 )
             measures[station, port].feed(rows, read, marks)
     for (station, _), port_measure in measures.items():
@@ -243,24 +236,21 @@ def measure(
 
 
 class KeptMeasures:
-    """Caches what `measure` returns for the stations of a sealed run, with the same limit and
-    rules.
-    """
+    """Caches what `measure` returns for the stations of a sealed run, with the same limit."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple[str, float, int], Measures] = {}
+        self._kept: dict[tuple[str, float], Measures] = {}
 
     def __call__(
         self,
         folder: Path,
         stations: dict[str, StationFacts],
         within_c: Mapping[str, float],
-        rules: int,
     ) -> Measures:
         """Return the measures of every port of `stations`, computing only those of new stations."""
-        keys = {name: (name, within_c.get(name, WITHIN_C), rules) for name in stations}
+        keys = {name: (name, within_c.get(name, WITHIN_C)) for name in stations}
         lacking = {name: facts for name, facts in stations.items() if keys[name] not in self._kept}
-        found = measure(folder, lacking, within_c, rules) if lacking else {}
+        found = measure(folder, lacking, within_c) if lacking else {}
         for name in lacking:
             self._kept[keys[name]] = {
                 place: one for place, one in found.items() if place[0] == name
@@ -268,15 +258,13 @@ class KeptMeasures:
         return {place: one for key in keys.values() for place, one in self._kept[key].items()}
 
 
-def _new(facts: StationFacts, steps: Sequence[Step], within_c: float, rules: int) -> PortMeasure:
+def _new(facts: StationFacts, steps: Sequence[Step], within_c: float) -> PortMeasure:
     heat = Heat(facts.period_s or None, within_c)
     if not facts.period_s:
-        return PortMeasure(None, heat, rules, unstepped=Unstepped(steps))
+        return PortMeasure(None, heat, unstepped=Unstepped(steps))
     start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
     skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
-    return PortMeasure(
-        facts.period_s, heat, rules, start, host_skips=skips, no_rows=facts.skipped > 0
-    )
+    return PortMeasure(facts.period_s, heat, start, host_skips=skips, no_rows=facts.skipped > 0)
 
 
 def _steps(folder: Path, groups: Groups | None) -> list[Step]:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.acceptance import asks_for_anything
 from jbclog.analysis.verdict.evidence import (
     Event,
@@ -72,10 +71,9 @@ class Judgement:
 def judge(
     evidence: Evidence,
     acceptance: Mapping[str, Acceptance | None],
-    by: int = RULES,
     measuring: Measuring = measure,
 ) -> Judgement:
-    """Judge a sealed run by version `by` of the rules (`analysis/rule_versions.py`).
+    """Judge a sealed run.
 
     `acceptance`: station -> the limits of its recipe, None if it states none. `measuring` reads the
     samples.
@@ -87,7 +85,7 @@ def judge(
     }
     if not limits:
         return Judgement(Verdict.NOT_JUDGED, ())
-    rules = tuple(_all_rules(evidence, limits, by, measuring))
+    rules = tuple(_all_rules(evidence, limits, measuring))
     return Judgement(verdict_of(rules), rules)
 
 
@@ -102,7 +100,7 @@ def verdict_of(rules: Sequence[Rule]) -> Verdict:
 
 
 def _all_rules(
-    evidence: Evidence, limits: Mapping[str, Acceptance], by: int, measuring: Measuring
+    evidence: Evidence, limits: Mapping[str, Acceptance], measuring: Measuring
 ) -> Iterator[Rule]:
     judged = [facts for facts in evidence.stations if facts.name in limits]
     within = {
@@ -110,7 +108,7 @@ def _all_rules(
         for name, one in limits.items()
         if one.reached_within_c is not None
     }
-    measures = measuring(evidence.folder, {facts.name: facts for facts in judged}, within, by)
+    measures = measuring(evidence.folder, {facts.name: facts for facts in judged}, within)
     events, settings = read_events(evidence.folder), _Settings.of(evidence, limits)
     yield record_rule(evidence)
     yield from goal_rules(evidence)
@@ -124,7 +122,6 @@ def _all_rules(
             own,
             settings,
             measures,
-            by,
         )
     yield from (not_judged(facts) for facts in evidence.stations if facts.name not in limits)
     yield from deviations(
@@ -145,7 +142,7 @@ class _Settings:
         folder = evidence.folder
         verified = any(one.verification_days is not None for one in limits.values())
         return cls(
-            read_outcomes(folder, counts_lacking=evidence.counts_lacking),
+            read_outcomes(folder),
             read_ordered(folder),
             read_adjustments(folder) if verified else {},
         )
@@ -158,7 +155,6 @@ def _station(
     events: Sequence[Event],
     settings: _Settings,
     measures: Measures,
-    by: int,
 ) -> Iterator[Rule]:
     outcomes = settings.outcomes.get(facts.name, Outcomes())
     yield from station_rules(facts, acceptance, evidence, events, outcomes)
@@ -180,13 +176,10 @@ def _station(
     for port in ports:
         place = facts.name, port
         seen = measures.get(place)
-        yield from port_rules(
-            facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by
+        yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), seen)
+        yield from heat_rules(
+            facts, port, acceptance, evidence, seen, is_ordered=place in settings.ordered
         )
-        if by > 1:
-            yield from heat_rules(
-                facts, port, acceptance, evidence, seen, is_ordered=place in settings.ordered
-            )
         if acceptance.verification_days is not None and reports(facts, TEMPERATURE):
             adjusted = settings.adjustments.get(place)
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.app.batch.state import BatchState, Entry, EntryKind, batch_state
-from jbclog.app.batch.store import ADD_LINE, OLD_JOURNAL, BatchStore, import_files
+from jbclog.app.batch.store import ADD_LINE, BatchStore
 from jbclog.core.clock import utc_text
 from jbclog.core.database import Database
 from jbclog.core.durable_files import (
@@ -24,12 +24,10 @@ from jbclog.core.durable_files import (
     chain_in,
     fields_of,
     line_of,
-    lines_in,
     sha256,
     write_whole,
 )
 from jbclog.core.errors import RecordError
-from jbclog.core.files import Kind, read_regular
 from jbclog.core.json_files import builder
 from jbclog.core.operating_system import sync_folder
 
@@ -38,7 +36,7 @@ _build_entry: Final = builder(Entry)
 JOBS_FILE: Final = "jobs.toml"
 JOBS: Final = "jobs"
 SUFFIX: Final = ".batch"
-FIRST: Final = sha256(OLD_JOURNAL.encode())
+FIRST: Final = sha256(b"journal.jsonl")
 STAMP: Final = "%Y%m%dT%H%M%SZ"
 WAY_OUT: Final = "Restore it from a copy, or move {} elsewhere and start a new batch"
 NO_MORE: Final = (
@@ -96,10 +94,7 @@ def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
 
 
 def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
-    """Return the latest batch that has begun; imports an unfinished one of an earlier release.
-
-    Raises `RecordError`.
-    """
+    """Return the latest batch that has begun. Raises `RecordError`."""
     for folder in sorted(
         (path for path in home.glob("*Z*") if path.is_dir()),
         key=lambda path: path.name,
@@ -110,8 +105,6 @@ def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
         _expect_all(folder, entries)
         if any(entry.kind == EntryKind.EXECUTION for entry in entries):
             journal.state = batch_state(entries)
-            if not journal.state.is_finished and (folder / OLD_JOURNAL).exists():
-                _import(journal.store)
             return journal
         journal.store.close()
     return None
@@ -123,8 +116,6 @@ def entries_in(store: BatchStore) -> list[Entry]:
     try:
         rows = store.rows("SELECT line FROM journal ORDER BY number")
         lines = [line if isinstance(line, bytes) else b"" for (line,) in rows]
-        if not lines and (folder / OLD_JOURNAL).exists():
-            path, lines = folder / OLD_JOURNAL, _old_lines(folder)
     except OSError as error:
         why = getattr(error, "strerror", None) or error
         raise RecordError(
@@ -146,24 +137,6 @@ def _chain(lines: list[bytes]) -> LineChain[Entry]:
     )
 
 
-def _old_lines(folder: Path) -> list[bytes]:
-    """Return the lines of an earlier release's journal, without a last line cut off by a crash."""
-    data = read_regular(folder / OLD_JOURNAL, Kind.JOURNAL)
-    lines = lines_in(data)
-    is_torn = bool(lines) and not data.endswith(b"\n") and parsed(lines[-1]) is None
-    return lines[:-1] if is_torn else lines
-
-
-def _import(store: BatchStore) -> None:
-    folder = store.path.parent
-    try:
-        import_files(store, _old_lines(folder), sorted((folder / JOBS).glob("*")))
-    except OSError as error:
-        raise RecordError(
-            f"{store.path} cannot be written: {error.strerror or error}; nothing was started"
-        ) from error
-
-
 def _expect_all(folder: Path, entries: list[Entry]) -> None:
     """Raise `RecordError` for a job's folder whose entry, written first, was lost."""
     known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == EntryKind.START}
@@ -177,9 +150,7 @@ def _expect_all(folder: Path, entries: list[Entry]) -> None:
 
 
 def _end(db: Database) -> tuple[int, str]:
-    """Return the number of the last entry and the hash of its line. A journal of an earlier release
-    may have torn lines.
-    """
+    """Return the number of the last entry and the hash of its line."""
     row = db.execute("SELECT line FROM journal ORDER BY number DESC LIMIT 1").fetchone()
     last = None if row is None else parsed(row[0])
     return (0 if last is None else last.seq), (FIRST if row is None else sha256(row[0]))

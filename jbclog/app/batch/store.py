@@ -8,8 +8,6 @@ The rules:
    wait for it, `BUSY_S` at most. A process killed in a transaction leaves nothing of it.
 3. SQLite does not detect a row that was changed or deleted. The hash chain of the journal's lines
    does.
-4. A batch of an earlier release has files in place of the store. They are read, and `import_files`
-   copies them once the batch is resumed.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from jbclog.core.database import Database, open_database
-from jbclog.core.files import Kind, expect_regular, read_regular
+from jbclog.core.files import Kind, expect_regular
 from jbclog.core.operating_system import sync_folder
 
 NAME: Final = "batch.sqlite"
@@ -124,33 +122,3 @@ def _as_os_error() -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         raise OSError(getattr(error, "sqlite_errorcode", 0), str(error)) from error
-
-
-# -- batches of earlier releases -------------------------------------------------------------------
-
-OLD_JOURNAL: Final = "journal.jsonl"
-OLD_SPEC, OLD_RUN, OLD_RESULT, OLD_EVENTS = "job.json", "run.json", "said.json", "events.jsonl"
-_ADD_ATTEMPT: Final = "INSERT INTO attempt (name, spec, run, result, ended) VALUES (?, ?, ?, ?, ?)"
-
-
-def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) -> None:
-    """Copy an old journal and its attempts' files, once, in one transaction. Raises `OSError`."""
-    with store.transaction() as db:
-        if db.execute("SELECT 1 FROM journal LIMIT 1").fetchone():
-            return
-        db.executemany(ADD_LINE, [(line,) for line in lines])
-        for folder in attempts:
-            result = _old_text(folder / OLD_RESULT)
-            ended = None if result is None else (folder / OLD_RESULT).stat().st_mtime
-            spec = (_old_text(folder / OLD_SPEC) or "").encode()
-            db.execute(
-                _ADD_ATTEMPT, (folder.name, spec, _old_text(folder / OLD_RUN), result, ended)
-            )
-            events = (_old_text(folder / OLD_EVENTS) or "").splitlines()
-            db.executemany(ADD_EVENT, [(folder.name, line) for line in events])
-
-
-def _old_text(path: Path) -> str | None:
-    with contextlib.suppress(OSError):
-        return read_regular(path, Kind.JOURNAL).decode(errors="replace")
-    return None

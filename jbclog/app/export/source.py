@@ -36,9 +36,9 @@ CHECKED: Final = "hashes, counts and chains agree"
 NOT_CHECKED: Final = "not checked (--unchecked)"
 
 
-def expect_whole(run: Run) -> None:
+def expect_whole(run: Run, *, with_report: bool = True) -> None:
     """Raise `RecordError` if `jbclog check` finds anything, or the run is not sealed."""
-    found = check(run.folder)
+    found = check(run.folder, with_report=with_report)
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
         text = (

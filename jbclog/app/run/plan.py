@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jbclog.app.run.options import Metadata, RunOptions
-from jbclog.config.line import IS_A_RECIPE, Line, Replay, StationSpec, is_served_here, load_line
+from jbclog.config.line import IS_A_RECIPE, Line, StationSpec, load_line
 from jbclog.config.load_recipe import IS_A_LINE, load_recipe, long_feed
 from jbclog.config.recipe import Recipe
 from jbclog.config.recipe_settings import (
@@ -40,11 +40,6 @@ from jbclog.session.scheduler import Demand
 WORK = ("working", "on")  # statuses that heat
 PORTS = (1, 2, 3, 4)  # port numbers of any station
 ANSWERING_PORTS = (1,)  # assumed if only the station knows its ports
-NOT_BESIDE_REPLAY = (
-    "may be a real station, which must not run with the timing of [replay]: only `jbclog replay`"
-    " writes that table, with urls below the file's own folder or on this machine; remove it"
-)
-PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,9 +223,7 @@ def make_plan(wanted: RunOptions) -> Plan:
             raise
         raise Problems([*wanted.mistakes, *problems_of(error)]) from error
     stations = tuple(
-        station_plan(spec, recipes[spec.name], wanted, line.replay)
-        for spec in chosen
-        if spec.name in recipes
+        station_plan(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes
     )
     problems = [
         *wanted.mistakes,
@@ -308,15 +301,8 @@ def _chosen(line: Line, wanted: RunOptions) -> list[StationSpec]:
     return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
 
 
-def station_plan(
-    spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: Replay | None = None
-) -> StationPlan:
-    """Return the plan of one station. A replayed run uses its own rate unless another is
-    requested.
-    """
-    rate = (
-        replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
-    )
+def station_plan(spec: StationSpec, recipe: Recipe, wanted: RunOptions) -> StationPlan:
+    """Return the plan of one station."""
     family = None if spec.family == "auto" else FAMILIES[spec.family]
     ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
     demand = None
@@ -324,7 +310,7 @@ def station_plan(
         demand = Demand.of(
             readings_for(family, ports, recipe, spec.line_format, spec.address is not None)
         )
-    return StationPlan(spec, family, ports, recipe, recipe.path.name, rate, demand)
+    return StationPlan(spec, family, ports, recipe, recipe.path.name, wanted.rate, demand)
 
 
 def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
@@ -373,8 +359,6 @@ def _unused(line: Line, chosen: list[StationSpec], wanted: RunOptions) -> Iterat
 
 def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
     spec, recipe = station.spec, station.recipe
-    if line.replay is not None:
-        yield from _beside_replay(line, spec)
     if station.family is not None and station.family.name not in recipe.families:
         families = ", ".join(recipe.families)
         yield recipe.problem(
@@ -389,25 +373,6 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
     if problem:
         yield Problem(
             str(line.path), None, f"station {spec.name}", problem.removeprefix(f"{spec.name}: ")
-        )
-
-
-def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
-    """Yield stations that may be real, because [replay] changes the timing of the recorder."""
-    place, leads_to = (
-        f"station {spec.name}",
-        (Path(os.path.realpath(spec.url)) if spec.is_device else Path()),
-    )
-    if not is_served_here(spec.written_url):
-        yield Problem(
-            str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}"
-        )
-    elif leads_to.is_char_device() and not str(leads_to).startswith(PSEUDO_TERMINALS):
-        yield Problem(
-            str(line.path),
-            None,
-            place,
-            f"its url {spec.written_url} leads to {leads_to}, and {NOT_BESIDE_REPLAY}",
         )
 
 

@@ -315,7 +315,7 @@ class Recorder:
                     context.note("link.contention", Severity.ERROR, text)
 
     def _note_mix_ups(self) -> None:
-        """Tell the sessions which stations look alike, and report swapped cables once."""
+        """Give the sessions the stations that look alike, and report swapped cables once."""
         names = alike(self._contexts)
         for context in self._contexts:
             context.alike = names.get(context.name, [])

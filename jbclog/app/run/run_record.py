@@ -23,7 +23,7 @@ import pyarrow
 
 from jbclog import __version__
 from jbclog.analysis.alarms.live import LiveAlarms
-from jbclog.analysis.rule_versions import RULES
+from jbclog.analysis.rules_number import RULES
 from jbclog.app.run.options import Metadata as GivenMetadata
 from jbclog.app.run.plan import PORTS, Plan, StationPlan
 from jbclog.app.run.tasks import station_tasks

@@ -28,8 +28,6 @@ def station_tasks(plan: Plan, t0: float) -> Iterator[StationTask]:
             t0=t0,
             duration_s=plan.wanted.duration_s,
             rate=station.rate,
-            is_replay=plan.line.replay is not None,
-            begin=plan.line.replay.begin(spec.name) if plan.line.replay is not None else None,
             rated_power_w=spec.rated_power_w,
             allow_omega_write=plan.wanted.allow_omega_write,
             model=spec.model,

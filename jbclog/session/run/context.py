@@ -68,8 +68,7 @@ class StationTask:
     `family` None: "auto". `ports` None: those that answer. `model`: the name that the line file
     accepts for the station, if any. `rate` is in Hz, or ``auto`` (a usual rate with a fifth of the
     link's time in reserve), ``fit`` (the recipe's, or the best that fits), or ``max`` (without
-    pause); None for the recipe's. `is_replay`: the station is a recorded one, sampled at its rate
-    even if the host cannot keep up. `t0` is the run's zero on the monotonic clock; `duration_s` is
+    pause); None for the recipe's. `t0` is the run's zero on the monotonic clock; `duration_s` is
     None for a run without a stated end. `sharers` says which other programs have the port open.
     """
 
@@ -88,10 +87,7 @@ class StationTask:
     rated_power_w: float | None = None
     allow_omega_write: bool = False
     may_be_missing: bool = False  # the run may start without this station
-    is_replay: bool = False
     model: str | None = None
-    # number of the first tick, and seconds until it is due once everything is read
-    begin: tuple[int, float] | None = None
     sharers: Callable[[], str] = lambda: ""
 
 

@@ -50,7 +50,7 @@ def measure_pace(context: SessionContext) -> Steps[SamplingPlan]:
     try:
         return choose_pace(context)
     except StartRefused:
-        if context.order.is_replay or context.family.turnaround_ms is not None:
+        if context.family.turnaround_ms is not None:
             raise
     yield from measure_turnaround(context, apart_s=APART_S)
     return choose_pace(context)
@@ -88,7 +88,7 @@ def _rate_hz(
     problem = (
         None if asked == AS_FIT else rate_problem(context.name, taken, demand, response.longest_s)
     )
-    if problem and not (context.order.is_replay and taken):
+    if problem:
         raise StartRefused(problem)
     return taken
 

@@ -217,15 +217,10 @@ def _record(context: SessionContext) -> Steps[None]:
 
 
 def _grid(context: SessionContext, pace: SamplingPlan) -> Grid:
-    """Return the grid of due times, from the run's zero. In a replay it has the recorded position,
-    relative to the last reads.
-    """
+    """Return the grid of due times, from the run's zero."""
     if not pace.paced:
         return Grid(context.now, pace.period_s)
-    if context.order.begin is None:
-        return Grid(context.order.t0, pace.period_s)
-    tick, in_s = context.order.begin
-    return Grid(context.now + in_s - tick * pace.period_s, pace.period_s)
+    return Grid(context.order.t0, pace.period_s)
 
 
 def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:

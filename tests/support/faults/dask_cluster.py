@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,10 +21,9 @@ WAIT_S = 60.0
 IMPORTED = (
     "distributed.cli.dask_scheduler",
     "distributed.cli.dask_worker",
-    "jbclog.analysis.store.runs",
+    "jbclog.analysis.runs",
     "pandas",
 )
-TLS = ("--tls-ca-file", "ca.pem", "--tls-cert", "node.pem", "--tls-key", "node.key")
 
 
 def scheduler_main(words: Sequence[str]) -> None:
@@ -48,47 +46,32 @@ class Cluster:
     """Its processes; their files and logs are in `home`."""
 
     home: Path
-    options: Sequence[str] = ()
     processes: list[BaseProcess] = field(default_factory=list)
     address: str = ""
 
     def start(self, program: str, *words: str) -> BaseProcess:
-        words = ("--no-dashboard", "--host", self.host, *self.options, *words)
+        words = ("--no-dashboard", "--host", "tcp://127.0.0.1", *words)
         process = forked(PROGRAMS[program], words, IMPORTED, self.home / "log", self.home)
         self.processes.append(process)
         return process
 
-    @property
-    def host(self) -> str:
-        return "tls://127.0.0.1" if self.options else "tcp://127.0.0.1"
-
     def scheduler(self) -> BaseProcess:
         """Start the scheduler, and return when it listens."""
-        process, end = (
-            self.start("dask_scheduler", "--port", "0", "--scheduler-file", "scheduler"),
-            time.monotonic() + WAIT_S,
-        )
-        said = self.home / "scheduler"
-        while not (said.exists() and said.stat().st_size):
+        process = self.start("dask_scheduler", "--port", "0", "--scheduler-file", "scheduler")
+        end = time.monotonic() + WAIT_S
+        written = self.home / "scheduler"
+        while not (written.exists() and written.stat().st_size):
             assert process.is_alive(), self.log
             assert time.monotonic() < end, self.log
             time.sleep(0.05)
         time.sleep(0.05)
-        self.address = said.read_text().split('"address": "')[1].split('"')[0]
+        self.address = written.read_text().split('"address": "')[1].split('"')[0]
         return process
 
-    def worker(self, *words: str) -> BaseProcess:
+    def worker(self) -> BaseProcess:
         """Start a worker of one thread."""
-        return self.start(
-            "dask_worker",
-            self.address,
-            "--nthreads",
-            "1",
-            "--no-nanny",
-            "--memory-limit",
-            "0",
-            *words,
-        )
+        alone = ("--nthreads", "1", "--no-nanny", "--memory-limit", "0")
+        return self.start("dask_worker", self.address, *alone)
 
     @property
     def log(self) -> str:
@@ -96,9 +79,9 @@ class Cluster:
 
 
 @contextmanager
-def cluster(home: Path, workers: int, options: Sequence[str] = ()) -> Iterator[Cluster]:
+def cluster(home: Path, workers: int) -> Iterator[Cluster]:
     """A scheduler with so many workers, which end with the block."""
-    made = Cluster(home, options)
+    made = Cluster(home)
     try:
         made.scheduler()
         for _ in range(workers):
@@ -110,72 +93,40 @@ def cluster(home: Path, workers: int, options: Sequence[str] = ()) -> Iterator[C
             process.join()
 
 
-def certificates(home: Path) -> None:
-    """Write an authority and one certificate of it, with its key, for whoever takes part."""
-
-    def run(*words: str) -> None:
-        subprocess.run(["openssl", *words], cwd=home, check=True, capture_output=True)
-
-    new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-    run(
-        "req",
-        "-x509",
-        *new,
-        "-keyout",
-        "ca.key",
-        "-out",
-        "ca.pem",
-        "-days",
-        "2",
-        "-subj",
-        "/CN=test authority",
-    )
-    run("req", *new, "-keyout", "node.key", "-out", "node.csr", "-subj", "/CN=node")
-    run(
-        "x509",
-        "-req",
-        "-in",
-        "node.csr",
-        "-CA",
-        "ca.pem",
-        "-CAkey",
-        "ca.key",
-        "-CAcreateserial",
-        "-out",
-        "node.pem",
-        "-days",
-        "2",
-    )
+# -- functions of a run that workers call ----------------------------------------------------------
 
 
-# -- functions that tests have workers call --------------------------------------------------------
+def figures_of(run: Run) -> tuple[str, int, float]:
+    """Two figures of a run."""
+    samples = run.samples()
+    return run.name, len(samples), float(samples["temperature_c"].mean())
 
 
-def rows_of(run: Run) -> tuple[int, float, int]:
-    """Two figures of a run, and who computed them."""
-    return len(run.samples()), float(run.samples()["temperature_c"].mean()), os.getpid()
+def figures_and_process(run: Run) -> tuple[tuple[str, int, float], int]:
+    """The figures of a run, and the process that computed them."""
+    return figures_of(run), os.getpid()
 
 
-def killed_at(number: int, at: int, mark: Path) -> int:
-    """End this process, once, at this task."""
-    if number == at and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number * number
+class KilledOnce:
+    """Computes the figures of a run; the process that gets the run `name` first is killed."""
+
+    def __init__(self, name: str, mark: Path) -> None:
+        self.name, self.mark = name, mark
+
+    def __call__(self, run: Run) -> tuple[tuple[str, int, float], int]:
+        figures = figures_of(run)
+        if run.name == self.name and not self.mark.exists():
+            self.mark.write_text(str(os.getpid()))
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.05)
+        return figures, os.getpid()
 
 
-def ends_always(_: int) -> None:
+def kills_always(_: Run) -> None:
+    """End the process that calls it."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def slow(number: int) -> int:
-    time.sleep(0.1)
-    return number
-
-
 def divided(run: Run) -> float:
-    return len(run.samples()) / 0
-
-
-def length(run: Run) -> int:
-    return len(run.samples())
+    """Raise an error that no reader raises."""
+    return len(run.samples(columns=["tick"])) / 0

@@ -16,10 +16,8 @@ from support.pages import (
     main_path,
     manifest,
     other_files,
-    plant_sizes,
     python,
     station_commands,
-    store_tables,
     tables,
     verdict,
 )
@@ -35,11 +33,9 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "audit-files.md": other_files.page,
     REFERENCE / "python.md": python.page,
     REFERENCE / "tables.md": tables.page,
-    REFERENCE / "store-tables.md": store_tables.page,
     REFERENCE / "verdict.md": verdict.page,
     REFERENCE / "station-commands.md": station_commands.page,
     REFERENCE / "contradictions.md": contradictions.page,
-    ROOT / "docs" / "explanation" / "plant-sizes.md": plant_sizes.page,
     ROOT / "docs" / "pictures" / "main-path.svg": main_path.svg,
 }
 

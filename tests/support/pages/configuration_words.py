@@ -18,7 +18,7 @@ TABLES: Mapping[str, str] = {
     "Line file": (
         "Which stations there are and how they are connected. `[[station]]` comes once for each."
         " `[station.sim]` describes the virtual station of that name: `jbclog sim` serves it,"
-        " `jbclog run` ignores it. `jbclog replay` writes `[replay]`."
+        " `jbclog run` ignores it."
     ),
     "Jobs file": (
         "A queue of runs for `jbclog batch`. `[[job]]` comes once for each. A job needs one end:"
@@ -157,10 +157,6 @@ _RECIPE = {
 
 _LINE = {
     "line.name": "name of the production line",
-    "replay.speed": "pace of a served replay",
-    "replay.rate_hz": "rates of the recorded run",
-    "replay.first_tick": "number of each station's first tick",
-    "replay.first_in_s": "time from the last question before it to that tick",
     "station.name": "name of the station",
     "station.url": "port; any URL of pyserial",
     "station.family": "how the station is driven; auto asks it for its model name",

@@ -12,8 +12,7 @@ MEANINGS: Mapping[Exit, str] = {
     Exit.NOT_FINE: (
         "Finished, and found a problem. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED,"
         " an alarm, a changed setting, fewer units or joints than required. `audit`: maintenance is"
-        " due. `check`, `report --verify`, `doctor`: a finding, or a report that cannot be"
-        " compared. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
+        " due. `check`, `publish --check`, `doctor`: a finding. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
     ),
     Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
     Exit.STATION: (
@@ -22,7 +21,7 @@ MEANINGS: Mapping[Exit, str] = {
         " Or a station was disconnected at the end, or another run holds a port."
     ),
     Exit.RECORD: (
-        "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or the store"
+        "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or its place"
         " cannot be read or written."
     ),
     Exit.UNSAFE: (
@@ -37,9 +36,7 @@ MEANINGS: Mapping[Exit, str] = {
         "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools"
         " safe. Also `watch` at Ctrl-C."
     ),
-    Exit.TERMINATED: (
-        "The same by SIGTERM or SIGHUP; also `watch --web` and `publish --follow` at SIGTERM."
-    ),
+    Exit.TERMINATED: "The same by SIGTERM or SIGHUP; also `watch --web` at SIGTERM.",
 }
 
 RULES = """

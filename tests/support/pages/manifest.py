@@ -47,7 +47,7 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.exit_status": "`success`, `aborted`, `failed`, `lost`; null: not known yet",
     "manifest.json.exit_code": "[exit code](exit-codes.md) of the run",
     "manifest.json.verdict": "verdict",
-    "manifest.json.rules": "version of the rules and methods of the verdict",
+    "manifest.json.rules": "number of the rules and methods of the verdict",
     "manifest.json.verdict_rules": (
         "each rule of the verdict: name, station, port, limit, observed, unit, result, text"
     ),

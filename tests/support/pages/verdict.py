@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jbclog.analysis.rule_versions import VERSIONS
+from jbclog.analysis.rules_number import RULES as NUMBER
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict.rule import Result
 from jbclog.analysis.verdict.rules import NOT_AS_PLANNED
@@ -120,7 +120,7 @@ RULES: Mapping[str, tuple[str, str]] = {
 """Rule -> the limit that it belongs to, and what it judges."""
 
 INTRODUCTION = """
-A verdict is the result of a list of rules. It depends only on the sealed record; `jbclog report RUN --verify` recomputes it.
+A verdict is the result of a list of rules. It depends only on the sealed record; `jbclog check RUN` recomputes it.
 An estimated figure meets its limit if both the figure and its 95 % bound do. If only the figure does, or there is no bound, evidence
 is missing ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
 """
@@ -132,9 +132,10 @@ METRICS = (
 DEVIATIONS = (
     "All events of severity error or critical that no rule judges, and warnings of these kinds:"
 )
-OF_VERSIONS = (
-    "The key `rules` of the manifest is the version that judged the run (1 if absent). jbclog"
-    " compares a stored verdict only with its own version."
+OF_NUMBER = (
+    f"The key `rules` of the manifest is the number of the rules that judged the run. This version"
+    f" has rules {NUMBER}: they are numbered 0 until 1.0. `check` recomputes a verdict by these rules;"
+    " of one by others it says that this version does not have them, and the verdict stays as it is."
 )
 
 
@@ -142,10 +143,6 @@ def page() -> str:
     """The whole page."""
     rules = [(code(name), limit, text) for name, (limit, text) in RULES.items()]
     results = [(code(one.value), RESULTS[one]) for one in Result]
-    versions = [
-        (str(one.number), one.means[0].upper() + one.means[1:], codes(sorted(one.changed)) or "–")
-        for one in VERSIONS
-    ]
     metrics = [
         (code(one.metric), one.unit, one.definition, one.applies_to)
         for one in Run.metric_definitions().itertuples()
@@ -154,9 +151,7 @@ def page() -> str:
         "Results of a rule": table(("result", "means"), results),
         "Rules": table(("rule", "limit in the recipe", "judges"), rules),
         "Deviations": f"{DEVIATIONS}\n\n{codes(sorted(NOT_AS_PLANNED))}",
-        "Versions of the rules": (
-            f"{OF_VERSIONS}\n\n{table(('version', 'means', 'rules that are new or changed'), versions)}"
-        ),
+        "Number of the rules": OF_NUMBER,
         "Metrics": f"{METRICS}\n\n{table(('metric', 'unit', 'definition', 'applies to'), metrics)}",
     }
     head = f"{MADE}\n\n# Verdict and metrics\n{INTRODUCTION}{VERDICTS}".strip()

@@ -98,4 +98,4 @@ def idle_of(errors: Floats, hz: float, at: Floats | None = None) -> IdleError:
 
 
 def bounds_of(errors: Floats, hz: float, at: Floats | None = None) -> Bounds | str:
-    return idle_of(errors, hz, at).latest_bounds()
+    return idle_of(errors, hz, at).bounds()

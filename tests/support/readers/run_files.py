@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jbclog.core.capture_rows import CaptureRow
 from jbclog.record.capture import Hole, rows_and_holes
-from jbclog.report.verify import verified
+from jbclog.report.write import report_files
 
 
 def read_rows(path: Path) -> Iterator[CaptureRow]:
@@ -15,7 +15,10 @@ def read_rows(path: Path) -> Iterator[CaptureRow]:
     return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
 
 
-def verify_report(folder: Path | str) -> list[str]:
-    """What differs or cannot be compared, a sentence each; empty: all is compared and agrees."""
-    found = verified(folder)
-    return [*found.differing, *found.not_compared]
+def differing_files(folder: Path | str) -> list[str]:
+    """The names of a report's files that are not, byte for byte, what the run gives once more."""
+    return sorted(
+        name
+        for name, content in report_files(Path(folder)).items()
+        if not (Path(folder) / name).is_file() or (Path(folder) / name).read_bytes() != content
+    )

@@ -1,10 +1,5 @@
-"""Sealed runs with their verdicts and reports as a release gives them, kept as data: no later
-jbclog may call them changed.
-
-``python tests/support records.verdict_corpus NAME`` makes them in tests/data/verdicts/NAME, with
-`noted.json` beside them: what each was judged. Made once for each version of the rules, by the
-package of that day, and never made again. (Those of rules-1 were made by the package of commit
-9c5b716.)
+"""Small runs of every verdict. Those in tests/data/verdicts were made by the package of commit
+9c5b716 and judged by its rules, 1; `noted.json` has what each was judged.
 
 Each is a small run of virtual stations on a clock that jumps, packed. Between them they have every
 verdict and most families.
@@ -12,11 +7,7 @@ verdict and most families.
 
 from __future__ import annotations
 
-import json
-import shutil
-import sys
 import tarfile
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +17,6 @@ from jbclog.app.run.plan import make_plan
 from jbclog.core.clock import VirtualClock
 from jbclog.record.annotations import append
 from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
 from jbclog.report.write import write_report
 from support.virtual.lines import fault
 from support.virtual.recorded_run import RecordedRun
@@ -189,15 +179,6 @@ def record(name: str, home: Path) -> Path:
     return folder
 
 
-def cut_off(home: Path) -> Path:
-    """The run that a kill left open, finished by `recover`."""
-    (left,) = CUT_OFF.iterdir()
-    folder = Path(shutil.copytree(left, home / left.name))
-    recover(folder)
-    write_report(folder)
-    return folder
-
-
 def judged(folder: Path) -> dict[str, object]:
     """Its verdict and the result of each rule, as its manifest says."""
     manifest = read_manifest(folder)
@@ -208,11 +189,6 @@ def judged(folder: Path) -> dict[str, object]:
     return {"verdict": manifest.verdict, "exit_code": manifest.exit_code, "rules": rules}
 
 
-def pack(folder: Path, archive: Path) -> None:
-    with tarfile.open(archive, "w:xz") as out:
-        out.add(folder, folder.name)
-
-
 def unpack(archive: Path, out: Path) -> Path:
     """The run in it, below `out`."""
     with tarfile.open(archive) as kept:
@@ -220,18 +196,3 @@ def unpack(archive: Path, out: Path) -> Path:
         kept.extraction_filter = getattr(tarfile, "data_filter", None)
         kept.extractall(out)
         return out / kept.getnames()[0]
-
-
-def main(name: str) -> None:
-    home, noted = HOME / name, {}
-    home.mkdir(parents=True)
-    for one in [*RUNS, "cut_off"]:
-        with tempfile.TemporaryDirectory() as aside:
-            folder = cut_off(Path(aside)) if one == "cut_off" else record(one, Path(aside))
-            noted[one] = judged(folder)
-            pack(folder, home / f"{one}.tar.xz")
-    (home / "noted.json").write_text(json.dumps(noted, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1])

@@ -5,11 +5,9 @@ once more from that.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
-from random import Random
 
-from jbclog.app.replay import Recording, open_recording, plan_of, reproduce, station_of
+from jbclog.app.replay import Recording, open_recording, plan_of, reproduce
 from jbclog.app.run.tasks import station_tasks
 from jbclog.core.capture_rows import LinkRow, ResultRow
 from jbclog.core.clock import UtcOffset, VirtualClock
@@ -19,10 +17,8 @@ from jbclog.record.capture import Head
 from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.session.run.context import SessionContext, StationTask
-from jbclog.session.run.station_run import run_station
-from jbclog.sim.replayed_station import ReplayedStation
 from jbclog.transport.session_history import Divergence, captured
-from jbclog.transport.virtual import Peer, VirtualDriver
+from jbclog.transport.virtual import Peer
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, prepare
 
 RECIPE_FILE = "recipe.toml"
@@ -132,62 +128,3 @@ def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[
         SessionContext(order, memory, UtcOffset(clock))
         for order in station_tasks(plan_of(recording), clock.monotonic())
     ]
-
-
-class Handing:
-    """A taped station behind a port: each answer comes a little before or after its moment, and
-    some come much later, as on a host that does other things."""
-
-    def __init__(
-        self, station: ReplayedStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1
-    ) -> None:
-        """`stalls`: seconds that every hundredth answer is held up, one after the other, again from
-        the first.
-        """
-        self.station = station
-        self._most_s = most_s
-        self._stalls = stalls
-        self._count = 0
-        self._random = Random(seed)
-
-    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        return [
-            (at + self._random.uniform(-self._most_s, self._most_s) + self._stall(), said)
-            for at, said in self.station.receive(data, now)
-        ]
-
-    def _stall(self) -> float:
-        self._count += 1
-        number, rest = divmod(self._count, 100)
-        return self._stalls[number % len(self._stalls)] if self._stalls and not rest else 0.0
-
-    def is_unplugged(self, now: float) -> bool:
-        return self.station.is_unplugged(now)
-
-
-def recorded_again(
-    folder: Path,
-    most_s: float = 0.0,
-    stalls: Sequence[float] = (),
-    longer_s: float = 0.0,
-    seed: int = 1,
-) -> tuple[Memory, dict[str, ReplayedStation]]:
-    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up
-    to `most_s` early or late, as `seed` decides.
-
-    The new run has the rates that came of the recorded one, and goes on `longer_s` longer.
-    """
-    recording, clock = open_recording(folder), VirtualClock(5000.0)
-    replay = recording.replay
-    memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, ReplayedStation]()
-    for order in station_tasks(plan_of(recording), clock.monotonic()):
-        rate, name = replay.rate_hz.get(order.name, order.rate), order.name
-        longer = None if order.duration_s is None else order.duration_s + longer_s
-        order = replace(
-            order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name)
-        )
-        context = SessionContext(order, memory, UtcOffset(clock))
-        stations[name] = station_of(recording, name)
-        driver.add(run_station(context), Handing(stations[name], most_s, stalls, seed))
-    driver.run()
-    return memory, stations

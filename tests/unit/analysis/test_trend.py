@@ -14,8 +14,8 @@ import pytest
 from typer.testing import Result
 
 from jbclog.analysis import run_metrics, spc
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import Run
+from jbclog.analysis.runs import open_runs
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.core.errors import UsageError

@@ -22,7 +22,7 @@ GONE = {
     "batch": ("gone.toml",),
     "safe": LINE,
     "recover": ("gone",),
-    "replay": ("gone",),
+    "replay": ("gone", "--record", "again"),
     "doctor": LINE,
     "read": ("dde-1", *LINE),
     "write": ("dde-1", "sleep_delay", "5", *LINE),
@@ -54,8 +54,7 @@ GONE = {
     "audit": (*LINE, "--ledger", "gone.jsonl"),
     "maintenance": ("done", "--station", "dde-1", "--task", "tip-change", "--ledger", "gone.jsonl"),
     "where-used": ("gone", "--station", "dde-1", "--port", "1"),
-    "publish": ("gone", "store"),
-    "store": ("check", "gone"),
+    "publish": ("gone", "plant"),
     "demo": ("--seconds", "1"),
     "scan": ("--addresses", "x"),
 }

@@ -195,9 +195,7 @@ def test_virtual_stations_need_a_free_port(place: Path) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    "verb", [("check",), ("report",), ("report", "--verify"), ("check", "--json")]
-)
+@pytest.mark.parametrize("verb", [("check",), ("report",), ("check", "--json")])
 def test_a_folder_that_is_no_runs(place: Path, verb: tuple[str, ...]) -> None:
     for folder, why in (
         ("nope", "no such folder"),

@@ -98,7 +98,7 @@ FITTING = [
     Filter(line="bench-3"),
     Filter(station="ale-1"),
     Filter(verdict="accept"),
-    Filter(state="success"),
+    Filter(state="ended"),
     Filter(until=utc("2026-11-21T01:30:01")),
     Filter(order="88123", ended_since=utc("2026-11-21T01:59:59")),
     Filter(operator="A. Rossi", order="88123", since=utc("2026-11-21T01:30:00.5")),

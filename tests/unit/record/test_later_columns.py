@@ -1,9 +1,10 @@
-"""Runs of an earlier version, which lack the columns that came since, stay readable: these are
-null, and a reader that asks for one by name is warned.
+"""Runs that lack columns of this version open as far as their columns go: what they lack is null,
+and a reader is told.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,9 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from jbclog.analysis import run_tables
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
-from jbclog.core.rows import SAMPLE_COLUMNS, SCHEMA_VERSION
+from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.record import batches, parts, schema
 from jbclog.record.check import check
 from jbclog.record.parts import row_groups
@@ -38,6 +40,7 @@ def run_without(
         before.setitem(batches._COLUMNS, "samples", batches._COLUMNS["samples"][: len(known)])
         for module in (batches, parts):
             before.setattr(module, "SCHEMAS", {**schema.SCHEMAS, "samples": earlier})
+            before.setattr(module, "lacking_in", lambda *_: [])
         folder = few_rows.abandoned(home)
         if is_sealed:
             seal_rows(folder, part=True)
@@ -52,16 +55,18 @@ def test_what_an_earlier_version_did_not_record_is_null(
     later: Sequence[str], is_sealed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = run_without(later, tmp_path, monkeypatch, is_sealed=is_sealed)
-    for version, name in enumerate(BOTH, 2):
-        monkeypatch.setitem(schema.FIRST_IN, ("samples", name), version)
+    monkeypatch.setattr(run_tables, "SCHEMA_VERSION", 2)
     run = open_run(folder)
-    rows = run.samples()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        rows = run.samples()
+    told = f"samples: {', '.join(later)} not recorded by the version that made the run"
+    assert any(told in str(one.message) for one in said) is is_sealed
     assert (tuple(rows), len(rows)) == (SAMPLE_COLUMNS, ROWS)
     assert rows["temperature_c"].notna().all()
     assert rows[[*later]].isna().all(axis=None)
     assert {str(rows[name].dtype) for name in later} == {"boolean"}
-    with pytest.warns(UserWarning, match="samples: in_range not recorded by the version"):
-        assert len(run.samples(columns=["in_range"])) == ROWS
+    assert len(run.samples(columns=["in_range"])) == ROWS
     some = pa.concat_tables([*run.groups("samples", ["in_range", "station", "tick"], coded=True)])
     assert some.column_names == ["in_range", "station", "tick"]
     assert some["tick"].to_pylist() == [*range(ROWS)]
@@ -70,18 +75,28 @@ def test_what_an_earlier_version_did_not_record_is_null(
     assert sum(len(group) for group in row_groups(folder, "samples", ["in_range"])) == ROWS
 
 
-def test_other_columns_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = run_without(BOTH, tmp_path, monkeypatch, is_sealed=True)
-    with pytest.raises(RecordError, match="its columns are others"):
-        open_run(folder).samples()
-    monkeypatch.setitem(schema.FIRST_IN, ("samples", "in_range"), 2)
-    with pytest.raises(RecordError, match="its columns are others"):
-        open_run(folder).samples()
+@pytest.mark.parametrize(
+    ("table", "names"),
+    [
+        ("samples", [name for name in SAMPLE_COLUMNS if name != "tick"]),  # never null
+        ("samples", [*SAMPLE_COLUMNS, "another"]),
+        ("samples", [*SAMPLE_COLUMNS[::-1]]),
+        ("events", [name for name in schema.SCHEMAS["events"].names if name != "raw"]),
+    ],
+)
+def test_rows_with_other_columns_are_refused(table: str, names: list[str]) -> None:
+    assert schema.lacking_in(table, names) == []
 
 
-def test_the_version_is_that_of_the_latest_column() -> None:
-    assert max(schema.FIRST_IN.values(), default=1) == SCHEMA_VERSION
-    assert all(
-        table != "events" and schema.SCHEMAS[table].field(name).nullable
-        for table, name in schema.FIRST_IN
-    )
+def test_a_part_without_a_text_that_is_read_as_a_dictionary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = few_rows.abandoned(tmp_path)
+    seal_rows(folder, part=True)
+    (part,) = parts.part_paths(folder, "samples")
+    pq.write_table(pq.read_table(part, partitioning=None).drop_columns(["reasons"]), part)
+    rows = pa.concat_tables([*row_groups(folder, "samples", ["status", "reasons"], coded=True)])
+    assert rows["reasons"].null_count == len(rows) == ROWS
+    pq.write_table(pq.read_table(part, partitioning=None).drop_columns(["station"]), part)
+    with pytest.raises(RecordError, match="its columns are others"):
+        [*row_groups(folder, "samples", coded=True)]

@@ -1,5 +1,5 @@
-"""Records of earlier releases stay readable for ever: one sealed and one cut off, as each release
-left them.
+"""Runs of 0.1.0 and of a checkout after it open with every reading command: one sealed and one cut
+off of each, as they were left.
 
 docs/reference/faults.md, F-44.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
 from pathlib import Path
 
 import pytest
@@ -74,3 +75,46 @@ def test_a_run_that_was_cut_off_is_recovered(release: str, tmp_path: Path) -> No
     assert recover(folder).outcome is Outcome.RECOVERED
     assert check(folder) == []
     assert len(open_run(folder).samples()) == SECONDS * 10 * 3
+
+
+READING = {
+    "check": (("check", "{run}"), 0, 1),
+    "report": (("report", "{run}"), 0, 4),
+    "runs": (("runs", "{runs}"), 0, 0),
+    "compare": (("compare", "{run}", "{run}"), 0, 4),
+    "alarms": (("alarms", "{run}"), 1, 1),
+    "chart of a run": (("chart", "{run}", "--metric", "depth_c"), 0, 0),
+    "chart of runs": (("chart", "{runs}", "--metric", "idle_error_c"), 0, 0),
+    "trend": (("trend", "{runs}", "--metric", "idle_error_c"), 0, 0),
+    "limits": (("limits", "learn", "{run}", "--out", "{runs}/limits.json"), 1, 1),
+    "where-used": (("where-used", "{runs}", "--station", "dde-1", "--since", "2026-01-01"), 0, 2),
+    "export": (("export", "{run}", "--to", "csv", "--out", "{runs}/exported"), 0, 4),
+    "annotate": (("annotate", "{run}", "seen", "--by", "A. Rossi", "--reason", "audit"), 0, 4),
+    "recover": (("recover", "{runs}"), 0, 0),
+    "replay": (("replay", "{run}", "--record", "{runs}/again"), 2, 2),
+}
+"""Command -> words, and the exit code for a sealed run and for one that was cut off."""
+
+
+@pytest.mark.parametrize("verb", READING)
+@every_release
+def test_every_reading_command_answers(release: str, verb: str, tmp_path: Path) -> None:
+    words, *codes = READING[verb]
+    for kind, code in zip(("sealed", "open"), codes, strict=True):
+        (tmp_path / kind).mkdir()
+        folder = copy_of(release, kind, tmp_path / kind)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            ended = invoked(*(one.format(run=folder, runs=tmp_path / kind) for one in words))
+        assert ended.exit_code == code, ended.output
+        assert ended.output
+        assert "internal error" not in ended.output
+
+
+@every_release
+def test_check_says_what_it_does_not_know_of_such_a_run(release: str, tmp_path: Path) -> None:
+    said = invoked("check", copy_of(release, "sealed", tmp_path)).output
+    assert (
+        "verdict: judged by rules 1, which this version does not have; its record is intact" in said
+    )
+    assert ("manifest.json: has no digest" in said) is (release == "0.1.0")

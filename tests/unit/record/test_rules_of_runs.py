@@ -1,5 +1,5 @@
-"""Runs that earlier versions of the rules judged: no later jbclog calls them changed
-(tests/data/verdicts).
+"""Runs that the rules of this version judged are judged again; of those by other rules `check` says
+that it does not have them.
 """
 
 from __future__ import annotations
@@ -12,43 +12,24 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis import rule_versions as versions
 from jbclog.analysis.rejudge import check_verdict, judge_again
-from jbclog.analysis.rule_versions import Version
 from jbclog.analysis.verdict import RULES
 from jbclog.record.manifest import read_manifest, write_manifest
-from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.invoked import invoked
 from support.records.small_run import make_run
-from support.records.verdict_corpus import HOME, judged, unpack
+from support.records.verdict_corpus import HOME, judged, record, unpack
 
-ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
-OF_RULES_1 = HOME / "rules-1"
-
-
-def name_of(archive: Path) -> str:
-    return f"{archive.parent.name}-{archive.name.split('.')[0]}"
-
-
-def is_reported(archive: Path) -> bool:
-    """Of rules 2 three show how a report is compared; the campaign has them all."""
-    return archive.parent == OF_RULES_1 or archive.name.split(".")[0] in (
-        "accepted",
-        "deviations",
-        "rejected",
-    )
+ARCHIVES = sorted(HOME.glob("*.tar.xz"))
+NOTED = json.loads((HOME / "noted.json").read_text())
+OF_OTHER_RULES = "judged by rules 1, which this version does not have"
+every_run = pytest.mark.parametrize(
+    "archive", ARCHIVES, ids=lambda path: str(path.name).split(".")[0]
+)
 
 
-REPORTED = [
-    path if is_reported(path) else pytest.param(path, marks=pytest.mark.campaign)
-    for path in ARCHIVES
-]
-every_run = pytest.mark.parametrize("archive", ARCHIVES, ids=name_of)
-
-
-def run_of(name: str, out: Path) -> Path:
-    return unpack(OF_RULES_1 / f"{name}.tar.xz", out)
+RunOf = Callable[[str, Path], Path]
+"""Copies one of the kept runs below a folder."""
 
 
 def said_by(*words: object) -> tuple[int, str]:
@@ -56,81 +37,79 @@ def said_by(*words: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
+# -- by other rules --------------------------------------------------------------------------------
+
+
 def test_every_verdict_is_among_them() -> None:
-    noted = json.loads((OF_RULES_1 / "noted.json").read_text())
-    verdicts = {one["verdict"] for one in noted.values()}
+    verdicts = {one["verdict"] for one in NOTED.values()}
     assert verdicts == {"ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED"}
-    assert {path.name.split(".")[0] for path in OF_RULES_1.glob("*.tar.xz")} == set(noted)
+    assert {path.name.split(".")[0] for path in ARCHIVES} == set(NOTED)
 
 
 @every_run
-def test_it_says_what_it_said_and_nothing_is_called_changed(archive: Path, tmp_path: Path) -> None:
-    folder = unpack(archive, tmp_path)
-    noted = json.loads((archive.parent / "noted.json").read_text())[archive.name.split(".")[0]]
-    assert judged(folder) == noted
-    code, said = said_by("check", folder)
-    *before, last = said.splitlines()
-    assert (code, last.startswith(f"{folder}: no differences")) == (0, True)
-    apart = [line for line in before if not line.startswith("not covered: report.json: ")]
-    earlier = f"judged by {archive.parent.name.replace('-', ' ')}, not recomputable here"
-    assert all(line.startswith("verdict, ") and line.endswith(earlier) for line in apart)
-
-
-@pytest.mark.parametrize("archive", REPORTED, ids=name_of)
-def test_its_report_is_not_called_changed_and_a_new_one_says_what_it_said(
+def test_check_says_that_this_version_does_not_have_its_rules(
     archive: Path, tmp_path: Path
 ) -> None:
     folder = unpack(archive, tmp_path)
-    if (folder / "report.html").exists():
-        code, said = said_by("report", folder, "--verify")
-        # unknown is not fine
-        assert (code, said.count("not compared byte for byte"), "matches" in said) == (1, 1, False)
-        assert "changed" not in said
-        assert "differs" not in said
-        if archive.parent != OF_RULES_1:
-            # its report was just made again and found the same; that it is written over, those of
-            # rules 1 show
-            return
+    assert judged(folder) == NOTED[archive.name.split(".")[0]]
+    code, said = said_by("check", folder)
+    *before, last = said.splitlines()
+    assert (code, last.startswith(f"{folder}: no differences")) == (0, True)
+    assert [line for line in before if line.startswith("not covered: ") is False] == (
+        []
+        if read_manifest(folder).exit_status == "lost"
+        else [f"verdict: {OF_OTHER_RULES}; its record is intact"]
+    )
+
+
+@every_run
+def test_a_report_of_it_has_the_verdict_of_then(archive: Path, tmp_path: Path) -> None:
+    folder = unpack(archive, tmp_path)
     write_report(folder)
-    told = json.loads((folder / "report.json").read_text())
-    assert told["verdict"]["word"] == read_manifest(folder).verdict
+    told = json.loads((folder / "report.json").read_text())["verdict"]
+    assert told["word"] == read_manifest(folder).verdict
+    assert told["version"] == 1
+    is_judged = told["decided"] == "with the run" and told["word"] != "NOT JUDGED"
+    sentence = f"{OF_OTHER_RULES[0].upper()}{OF_OTHER_RULES[1:]}."
+    assert told["by_rules"] == (sentence if is_judged else None)
+    assert (sentence in (folder / "report.html").read_text("utf-8")) is is_judged
     assert said_by("check", folder)[0] == 0
 
 
-@pytest.mark.parametrize(
-    "archive", sorted(OF_RULES_1.glob("*.tar.xz")), ids=lambda path: path.name.split(".")[0]
-)
-def test_it_is_judged_by_its_own_rules_again_to_the_last_one(archive: Path, tmp_path: Path) -> None:
-    folder = unpack(archive, tmp_path)
-    manifest = read_manifest(folder)
-    if manifest.exit_status != "lost":
-        gone = versions.not_kept(1)
-        again = [
-            without_text(rule)
-            for rule in judge_again(folder, manifest).rules_as_dicts()
-            if rule["name"] not in gone
-        ]
-        assert again == [
-            without_text(rule) for rule in manifest.verdict_rules if rule["name"] not in gone
-        ]
+def test_a_check_that_cannot_judge_a_run_says_so_in_its_last_line(tmp_path: Path) -> None:
+    """Else an ACCEPT by other rules would read like one that was recomputed."""
+    folder = make_run(tmp_path, 2.0)
+    write_manifest(folder, replace(read_manifest(folder), rules=RULES + 1, verdict="ACCEPT"))
+    code, said = said_by("check", folder)
+    assert (code, "verdict not recomputed" in said.splitlines()[-1]) == (0, True)
 
 
-def without_text(rule: dict[str, object]) -> dict[str, object]:
-    """A rule's figures and result: its sentence may be worded anew."""
-    return {name: value for name, value in rule.items() if name != "text"}
+# -- by the rules of this version ------------------------------------------------------------------
 
 
-def test_a_report_that_was_changed_since_is_found_whoever_made_it(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {
+        name: record(name, tmp_path_factory.mktemp(name)) for name in ("rejected", "not_judged")
+    }
+
+
+@pytest.fixture
+def run_of(kept: dict[str, Path]) -> RunOf:
+    """A copy of one of these runs."""
+    return lambda name, out: Path(shutil.copytree(kept[name], out / kept[name].name))
+
+
+def test_it_is_judged_again_to_the_last_figure(run_of: RunOf, tmp_path: Path) -> None:
     folder = run_of("rejected", tmp_path)
-    page = folder / "report.html"
-    page.write_text(page.read_text("utf-8").replace("REJECT", "ACCEPT"), "utf-8")
-    found = verified(folder)
-    assert [text.split(": ", 1)[1].split(";")[0] for text in found.differing] == [
-        "was changed since report.json was written"
-    ]
+    manifest = read_manifest(folder)
+    assert manifest.rules == RULES == 0
+    assert judge_again(folder, manifest).rules_as_dicts() == manifest.verdict_rules
+    code, said = said_by("check", folder)
+    assert (code, "not recomputed" in said) == (0, False)
 
 
-def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
+def test_a_verdict_that_was_changed_since_is_found(run_of: RunOf, tmp_path: Path) -> None:
     folder = run_of("rejected", tmp_path)
     manifest = replace(read_manifest(folder), verdict="ACCEPT")
     shutil.rmtree(folder / "figures")
@@ -140,7 +119,7 @@ def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
     ]
 
 
-def forged(folder: Path, change: Callable[[dict[str, object]], object]) -> list[str]:
+def changed(folder: Path, change: Callable[[dict[str, object]], object]) -> list[str]:
     """Change each rule of a verdict, and return what is found."""
     manifest = read_manifest(folder)
     for rule in manifest.verdict_rules:
@@ -148,15 +127,17 @@ def forged(folder: Path, change: Callable[[dict[str, object]], object]) -> list[
     return check_verdict(folder, manifest).differing
 
 
-def test_a_figure_of_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
+def test_a_figure_of_a_verdict_that_was_changed_since_is_found(
+    run_of: RunOf, tmp_path: Path
+) -> None:
     folder = run_of("rejected", tmp_path)
-    found = forged(folder, lambda rule: rule.update(limit=1e9, observed=0.5))
+    found = changed(folder, lambda rule: rule.update(limit=1e9, observed=0.5))
     assert "verdict, coverage" in {one.rpartition(" of ")[0] for one in found}
     assert {one.partition(": was ")[0].rpartition(", ")[2] for one in found} == {
         "limit",
         "observed",
     }
-    last_bits = forged(folder, lambda rule: rule.update(observed=nearly(rule["observed"])))
+    last_bits = changed(folder, lambda rule: rule.update(observed=nearly(rule["observed"])))
     assert last_bits == []
 
 
@@ -165,11 +146,13 @@ def nearly(value: object) -> object:
 
 
 @pytest.mark.parametrize("name", ["name", "station", "port", "result", "limit", "observed"])
-def test_a_rule_that_lacks_something_is_a_difference(tmp_path: Path, name: str) -> None:
-    assert forged(run_of("rejected", tmp_path), lambda rule: rule.pop(name)) != []
+def test_a_rule_that_lacks_something_is_a_difference(
+    run_of: RunOf, tmp_path: Path, name: str
+) -> None:
+    assert changed(run_of("rejected", tmp_path), lambda rule: rule.pop(name)) != []
 
 
-def test_a_rule_that_is_there_twice_is_a_difference(tmp_path: Path) -> None:
+def test_a_rule_that_is_there_twice_is_a_difference(run_of: RunOf, tmp_path: Path) -> None:
     """The page of a report would show both."""
     folder = run_of("rejected", tmp_path)
     manifest = read_manifest(folder)
@@ -180,7 +163,9 @@ def test_a_rule_that_is_there_twice_is_a_difference(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("word", ["ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "accept"])
-def test_a_run_that_was_cut_off_has_no_such_verdict(tmp_path: Path, word: str) -> None:
+def test_a_run_that_was_cut_off_has_no_such_verdict(
+    run_of: RunOf, tmp_path: Path, word: str
+) -> None:
     folder = run_of("rejected", tmp_path)
     manifest = replace(read_manifest(folder), exit_status="lost", verdict=word)
     assert check_verdict(folder, manifest).differing == [
@@ -189,7 +174,9 @@ def test_a_run_that_was_cut_off_has_no_such_verdict(tmp_path: Path, word: str) -
     assert check_verdict(folder, replace(manifest, verdict="INCONCLUSIVE")).differing == []
 
 
-def test_a_run_that_was_cut_off_is_not_judged_only_without_limits(tmp_path: Path) -> None:
+def test_a_run_that_was_cut_off_is_not_judged_only_without_limits(
+    run_of: RunOf, tmp_path: Path
+) -> None:
     lost = {"exit_status": "lost", "verdict": "NOT JUDGED"}
     folder = run_of("rejected", tmp_path)
     assert check_verdict(folder, replace(read_manifest(folder), **lost)).differing == [
@@ -199,57 +186,10 @@ def test_a_run_that_was_cut_off_is_not_judged_only_without_limits(tmp_path: Path
     assert check_verdict(folder, replace(read_manifest(folder), **lost)).differing == []
 
 
-def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_recipe_that_this_version_does_not_take_is_no_difference(
+    run_of: RunOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rules 3 find joints otherwise than rules 1 and do not keep the way of before; a later version
-    may do so with any rule.
-    """
-    folder = run_of("deviations", tmp_path)
-    manifest = read_manifest(folder)
-    for rule in manifest.verdict_rules:
-        if rule["name"] in ("recovery_p95", "idle_error"):
-            rule["result"] = "missing"  # by the earlier method
-    manifest.verdict = "INCONCLUSIVE"
-    joints = [
-        f"verdict, {name}: judged by rules 1, not recomputable here"
-        for name in ("joints_against_counter", "recovery_p95")
-    ]
-    found = check_verdict(folder, manifest)
-    assert {one.split(" of ")[0] for one in found.differing} == {"verdict, idle_error"}
-    assert found.notes == joints
-    later = Version(
-        RULES + 1, "idle is found otherwise", frozenset({"idle_error"}), keeps_earlier=False
-    )
-    monkeypatch.setattr(versions, "VERSIONS", (*versions.VERSIONS, later))
-    found = check_verdict(folder, manifest)
-    assert found.differing == []
-    assert found.notes == ["verdict, idle_error: judged by rules 1, not recomputable here", *joints]
-
-
-def test_a_run_of_rules_that_are_not_known_here_is_no_difference(tmp_path: Path) -> None:
-    folder = run_of("accepted", tmp_path)
-    manifest = replace(read_manifest(folder), rules=RULES + 1, verdict="REJECT")
-    found = check_verdict(folder, manifest)
-    assert found.differing == []
-    assert found.notes == [
-        f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to"
-        f" {RULES}"
-    ]
-
-
-def test_a_check_that_cannot_judge_a_run_says_so_in_its_last_line(tmp_path: Path) -> None:
-    """Else an ACCEPT of rules that are not known would read like one that was recomputed."""
-    folder = make_run(tmp_path, 2.0)
-    write_manifest(folder, replace(read_manifest(folder), rules=RULES + 1, verdict="ACCEPT"))
-    code, said = said_by("check", folder)
-    assert (code, "verdict not recomputed in full" in said.splitlines()[-1]) == (0, True)
-
-
-def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = run_of("accepted", tmp_path)
+    folder = run_of("rejected", tmp_path)
     manifest = read_manifest(folder)
 
     def refuse(path: Path, *, links: bool) -> object:
@@ -258,13 +198,10 @@ def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(
     monkeypatch.setattr("jbclog.config.load_recipe.load_recipe", refuse)
     found = check_verdict(folder, manifest)
     assert found.differing == []
-    assert found.notes == [
-        "verdict: judged by rules 1, not recomputable here: this jbclog cannot read the recipe of"
-        " nae-1"
-    ]
+    assert found.notes == ["verdict: not recomputed: this version cannot read the recipe of jtse-1"]
     (copy,) = (folder / "recipes").iterdir()
     copy.write_text("changed")
     assert (
         check_verdict(folder, manifest).differing[0]
-        == "verdict: was ACCEPT, its record gives INCONCLUSIVE"
+        == "verdict: was REJECT, its record gives INCONCLUSIVE"
     )

@@ -78,9 +78,9 @@ def test_idle_rows_are_found_once_for_metrics_and_verdict(
     """The report is the same, byte for byte, as without what is kept."""
     run, searched, find = small(tmp_path), list[bytes](), idle._idle_rows
 
-    def noted(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
+    def noted(block: Block, setting: Floats, period_s: float) -> Flags:
         searched.append(idle._digest(block, period_s))
-        return find(block, setting, period_s, rules)
+        return find(block, setting, period_s)
 
     monkeypatch.setattr(idle, "_idle_rows", noted)
     files = report_files(run)

@@ -23,9 +23,7 @@ from jbclog.analysis.figures import style
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
-from jbclog.report.maker import tools
 from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, MARKS, drawable, drawable_in_figure
-from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.readers.pdf_read import faults, page_texts
 from support.records.sealed_run import alarm, limit, samples, seal, station, table
@@ -344,26 +342,3 @@ def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(
     assert sum(sheet.count("What the verdict rests on\n") for sheet in own) == 1
     assert sum(sheet.count("Reviewed") for sheet in own) == 1
     assert ("Overview" in own[0]) == (stations == 1)
-
-
-@pytest.mark.parametrize(
-    ("tool", "made_by", "names"),
-    [
-        ("paper_by", "typst 0.1.0", 1),
-        ("paper_by", tools()["paper_by"], 0),
-        ("drawn_by", "matplotlib 3.0.0", 1),
-    ],
-)
-def test_a_report_of_other_tools_is_compared_by_its_hashes(
-    tmp_path: Path, tool: str, made_by: str, names: int
-) -> None:
-    run = seal(tmp_path, [station(rows=300)], table(samples(300)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jbclog.report.write.tools", lambda: {**tools(), tool: made_by})
-        write_report(run)
-    held = verified(run)
-    assert held.differing == []
-    assert sum(made_by in text for text in held.not_compared) == names
-    assert held.agrees is (None if names else True)
-    (run / "report.pdf").write_bytes(b"%PDF-")
-    assert any("report.pdf" in text for text in verified(run).differing)

@@ -27,13 +27,12 @@ from jbclog.record.chains import short_head
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
 from jbclog.report import write as writing
-from jbclog.report.agreement import compare_report
 from jbclog.report.joints import Joints
 from jbclog.report.page import PLAIN_IN_ADDRESS, SCRIPTS, data_uri
 from jbclog.report.verdict import without_urls
 from jbclog.report.write import write_report
 from support import once
-from support.readers.run_files import verify_report
+from support.readers.run_files import differing_files
 from support.records.sealed_run import (
     RECIPE,
     alarm,
@@ -118,7 +117,6 @@ class Page(HTMLParser):
 
 def report(folder: Path) -> tuple[Page, dict[str, Any]]:
     assert write_report(folder) == folder / "report.html"
-    assert compare_report(folder) == ([], [])
     return read(folder)
 
 
@@ -197,27 +195,14 @@ def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorde
     write_report(recorded)
     # the manifest's, too
     assert first == {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
-    assert verify_report(recorded) == []
+    assert differing_files(recorded) == []
     (recorded / "report.html").write_text(
         first[recorded / "report.html"].decode().replace("REJECT", "ACCEPT")
     )
     (recorded / "figures" / "dde-1-1.svg").unlink()
-    found = verify_report(recorded)
-    assert len(found) == 2
-    assert "report.html" in found[1]
+    assert differing_files(recorded) == ["figures/dde-1-1.svg", "report.html"]
     for path in (recorded / "report.html", recorded / "figures" / "dde-1-1.svg"):
         path.write_bytes(first[path])
-
-
-def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_same(
-    recorded: Path,
-) -> None:
-    for file in (next((recorded / "recipes").iterdir()), recorded / "line.toml"):
-        before = file.read_bytes()
-        file.write_bytes(before + b"# other\n")
-        assert f"{file}: was changed: its SHA-256 is not the manifest's" in verify_report(recorded)
-        file.write_bytes(before)
-    assert verify_report(recorded) == []
 
 
 def test_a_drawing_is_escaped_as_letter_by_letter() -> None:
@@ -361,7 +346,7 @@ def test_a_run_without_limits_is_not_judged(tmp_path: Path) -> None:
 
 
 def test_a_run_that_ended_without_a_verdict_is_judged_by_its_recipes(tmp_path: Path) -> None:
-    page, data = report(sealed(tmp_path))
+    page, data = report(sealed(tmp_path, rows=900))
     assert [attrs["class"] for tag, attrs in page.elements if tag == "img"] == [
         "wide",
         "narrow",

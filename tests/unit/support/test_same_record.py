@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
-from jbclog.analysis.runs import Records
+from jbclog.analysis.runs import Records, open_runs
 from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.write import write_report

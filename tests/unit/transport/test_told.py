@@ -1,12 +1,11 @@
 """What a session was told is kept, and told again to the bit; where it wishes something else, it
-goes on by itself.
+ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from math import inf
 
 import pytest
 
@@ -88,11 +87,7 @@ def lived_again(
 ) -> tuple[Story, list[Request], object, list[Divergence]]:
     story, left = list[object](), list[Divergence]()
 
-    def leave(astray: Divergence) -> tuple[float, str]:
-        left.append(astray)
-        return inf, ""
-
-    steps = replayed(made(story), replay_steps(tape), leave)
+    steps = replayed(made(story), replay_steps(tape), left.append)
     wishes, ended = pulled(
         steps, [IoResult(0.0, b"the driver's", 0.0)] * 20 if answers is None else answers
     )
@@ -144,7 +139,7 @@ def test_a_session_that_breaks_is_not_held() -> None:
 
     for wrapped in (
         captured(broken(), print, lambda: 0.0),
-        replayed(broken(), replay_steps(recording(GOOD)[0]), lambda _: (inf, "")),
+        replayed(broken(), replay_steps(recording(GOOD)[0]), print),
     ):
         next(wrapped)
         with pytest.raises(ZeroDivisionError):
@@ -161,10 +156,7 @@ def test_bytes_are_told_to_the_wish_that_took_them_and_those_of_a_closed_port_to
         ResultRow(3.3, "told", "listen", 2, 3.0),
     ]
     steps = list(replay_steps(rows))
-    assert [(step.place, step.asked, step.data) for step in steps] == [
-        (0, b"q", b"a"),
-        (5, b"", b"bc"),
-    ]
+    assert [(step.asked, step.data) for step in steps] == [(b"q", b"a"), (b"", b"bc")]
 
 
 # -- another program -------------------------------------------------------------------------------
@@ -178,32 +170,14 @@ def another(story: Story) -> Steps[str]:
     return "another end"
 
 
-def test_a_session_that_wishes_something_else_goes_on_by_itself() -> None:
+def test_a_session_that_wishes_something_else_ends_there() -> None:
     tape, story = recording(GOOD)
-    opened, first, second = (
-        IoResult(1.5, b"", 0.0),
-        IoResult(1.6, b"new", 1.5),
-        IoResult(99.0, b"", 1.5),
-    )
-    pulled_along = [IoResult(1.0, b"", 0.0), IoResult(1.5, b"", 0.0)]
-    again, wishes, ended, (left,) = lived_again(
-        tape, another, [*pulled_along, opened, first, second]
-    )
-    assert again == [*story[:2], first, second]
-    assert wishes[2:] == [Reopen(), Ask(b"something else", 0.5), Wait(99.0)]
-    assert ended == "another end"
+    again, wishes, ended, (left,) = lived_again(tape, another)
+    assert again == story[:2]
+    assert wishes == [Wait(1.00002), Wait(1.5)]
+    assert ended is None
     assert (left.at_s, left.is_cut_off) == (1.5, False)
     assert str(left) == "it would ask b'something else'; recorded is ask b'first'"
-
-
-def test_a_session_on_its_own_is_ended_when_it_was_then() -> None:
-    tape, _ = recording(GOOD)
-    steps = replayed(another([]), replay_steps(tape), lambda _: (50.0, "the recording is over"))
-    next(steps)
-    for moment in (1.0, 1.5, 1.5, 1.6):
-        steps.send(IoResult(moment, b"", 0.0))
-    with pytest.raises(RunEnded, match="the recording is over"):
-        steps.send(IoResult(50.0, b"", 0.0))
 
 
 def test_a_tape_without_its_end() -> None:
@@ -231,9 +205,9 @@ def test_a_tape_without_its_end() -> None:
 )
 def test_which_steps_answer_a_wish(io_request: Request, step: ResultRow, fits: bool) -> None:
     asked = b"q" if step.request == "ask" else b""
-    assert ReplayStep(0, step, asked, b"").answers(io_request) is fits
+    assert ReplayStep(step, asked, b"").answers(io_request) is fits
 
 
 def test_a_question_that_could_not_even_be_sent() -> None:
-    assert ReplayStep(0, ResultRow(2.5, "broke", "ask"), b"", b"").answers(Ask(b"any", 0.5))
-    assert not ReplayStep(0, ResultRow(2.5, "told", "ask"), b"", b"").answers(Ask(b"any", 0.5))
+    assert ReplayStep(ResultRow(2.5, "broke", "ask"), b"", b"").answers(Ask(b"any", 0.5))
+    assert not ReplayStep(ResultRow(2.5, "told", "ask"), b"", b"").answers(Ask(b"any", 0.5))

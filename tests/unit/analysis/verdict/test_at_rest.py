@@ -53,9 +53,9 @@ def trials(dwell_s: float, pause_s: float, break_s: float, hz: float) -> list[Tr
     ]
 
 
-def readings(trial: Trial, hz: float, rules: int = 3) -> Floats:
+def readings(trial: Trial, hz: float) -> Floats:
     block = Block(trial.seconds, trial.temperature, trial.power, trial.setting, trial.working)
-    return idle_readings(block, 1 / hz, rules)[1]
+    return idle_readings(block, 1 / hz)[1]
 
 
 BUSY = [(0.8, 1.0), (2.0, 1.2), (1.0, 3.0)]
@@ -72,14 +72,6 @@ def test_a_line_that_never_rests_has_no_idle_error(
 ) -> None:
     assert [len(readings(trial, hz)) for trial in trials(dwell_s, pause_s, 0.0, hz)] == [0] * len(
         SEEDS
-    )
-
-
-@rates
-def test_rules_2_took_the_tail_of_recovery_for_rest(hz: float) -> None:
-    """What the test above is there for."""
-    assert (
-        max(abs(readings(trial, hz, rules=2).mean()) for trial in trials(1.0, 3.0, 0.0, hz)) > 1.5
     )
 
 
@@ -131,9 +123,9 @@ def test_while_they_are_kept_the_rows_of_a_block_are_found_once_for_two_who_ask(
     """For a block that differs in anything they are found anew, and so for a third who asks."""
     searched, find = list[Block](), idle._idle_rows
 
-    def noted(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
+    def noted(block: Block, setting: Floats, period_s: float) -> Flags:
         searched.append(block)
-        return find(block, setting, period_s, rules)
+        return find(block, setting, period_s)
 
     monkeypatch.setattr(idle, "_idle_rows", noted)
     block = swinging()

@@ -28,15 +28,13 @@ families = ["dde"]
 """
 
 
-def judged(
-    case: Any, tip: Callable[..., Any], seconds: float, by: int = 3, **limits: Any
-) -> Judgement:
+def judged(case: Any, tip: Callable[..., Any], seconds: float, **limits: Any) -> Judgement:
     one = tip(seconds)
     one.temperature = [
         int(value) for value in np.random.default_rng(1).integers(349, 352, len(one.temperature))
     ]
     case.station("a", one)
-    return judge(case.evidence(), {"a": Acceptance(idle_error_c=15, idle_sd_c=5, **limits)}, by)
+    return judge(case.evidence(), {"a": Acceptance(idle_error_c=15, idle_sd_c=5, **limits)})
 
 
 def test_ten_seconds_of_rest_are_no_accept(case: Any, tip: Callable[..., Any]) -> None:
@@ -47,10 +45,6 @@ def test_ten_seconds_of_rest_are_no_accept(case: Any, tip: Callable[..., Any]) -
     assert error.text.endswith(
         "A 95 % bound takes 30 s of the tip at rest, and 15 readings; there are 10.0 s."
     )
-
-
-def test_by_rules_2_they_were(case: Any, tip: Callable[..., Any]) -> None:
-    assert judged(case, tip, 12, by=2).verdict == "ACCEPT"
 
 
 def test_a_minute_is_enough(case: Any, tip: Callable[..., Any]) -> None:

@@ -106,7 +106,7 @@ def test_bounds_hold_as_often_as_they_say(tau_s: float, seconds: float, hz: floa
 
 
 def test_batch_means_would_not_have_held() -> None:
-    """The test can tell: by rules 2 half of these bounds do not hold."""
+    """The test can tell: by batch means half of these bounds do not hold."""
     held = 0
     for one in range(60):
         rng = np.random.default_rng([12, one])
@@ -137,7 +137,7 @@ def verdicts(
         ]
         means = []
         for idle in both:
-            found = idle.latest_bounds()
+            found = idle.bounds()
             assert isinstance(found, Bounds)
             means.append(spc.Mean(idle.mean_c or 0.0, found.half))
         said.append(spc.equivalence_of(means[0], means[1], MARGIN_C).verdict)

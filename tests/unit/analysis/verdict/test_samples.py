@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.analysis.verdict import RULES, Rule, judge
+from jbclog.analysis.verdict import Rule, judge
 from jbclog.analysis.verdict.samples import KeptMeasures, measure
 from jbclog.config.recipe_sections import Acceptance
 
@@ -142,17 +142,15 @@ def test_without_a_grid_a_stepped_clock_is_no_gap(
     assert gap(case, 2) == pytest.approx(0.6)
 
 
-def test_stations_are_measured_once_for_the_same_limit_and_rules(
-    case: Any, tip: Callable[..., Any]
-) -> None:
+def test_stations_are_measured_once_for_the_same_limit(case: Any, tip: Callable[..., Any]) -> None:
     for name in ("a", "b"):
         case.station(name, tip(1300).lose(601, 4).at(30, 2, 320, 700))
     facts = {one.name: one for one in case.stations}
     whole, kept = measure(case.folder, facts), KeptMeasures()
-    assert kept(case.folder, {"a": facts["a"]}, {}, RULES).keys() == {("a", 1)}
-    assert kept(case.folder, facts, {}, RULES) == whole
-    close = kept(case.folder, facts, {"b": 1.0}, RULES)
+    assert kept(case.folder, {"a": facts["a"]}, {}).keys() == {("a", 1)}
+    assert kept(case.folder, facts, {}) == whole
+    close = kept(case.folder, facts, {"b": 1.0})
     assert close["b", 1].heat.within_c == 1.0
     shutil.rmtree(case.folder / "samples")
-    assert kept(case.folder, facts, {}, RULES) == whole
-    assert kept(case.folder, facts, {"b": 1.0}, RULES) == close
+    assert kept(case.folder, facts, {}) == whole
+    assert kept(case.folder, facts, {"b": 1.0}) == close

@@ -25,8 +25,8 @@ from jbclog.app.batch.journal import Journal, begin, entries_in, home_of, newest
 from jbclog.app.batch.processes import result_of
 from jbclog.app.batch.resume import PreparedBatch, prepare
 from jbclog.app.batch.single_batch import hold
-from jbclog.app.batch.state import Entry, EntryKind, State, batch_state
-from jbclog.app.batch.store import NAME, OLD_JOURNAL, BatchStore
+from jbclog.app.batch.state import Entry, EntryKind, batch_state
+from jbclog.app.batch.store import NAME, BatchStore
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.database import Database
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
@@ -307,80 +307,6 @@ def test_entries_that_are_missing_show_in_the_folders_of_the_jobs(bench: Bench, 
     (journal.folder / NAME).unlink()
     with pytest.raises(RecordError, match="start a new batch"):
         newest(bench.home, MEANS.utc)
-
-
-# -- batches of earlier releases -------------------------------------------------------------------
-
-
-def as_of_old(journal: Journal) -> Path:
-    """Turn a batch into one of an earlier release, with an attempt that has ended."""
-    lines = [line for (line,) in journal.store.rows("SELECT line FROM journal ORDER BY number")]
-    journal.store.close()
-    (journal.folder / NAME).unlink()
-    (journal.folder / OLD_JOURNAL).write_bytes(b"".join(line + b"\n" for line in lines))
-    job = journal.folder / "jobs" / "a-1"
-    job.mkdir(parents=True)
-    (job / "job.json").write_text("{}")
-    (job / "said.json").write_text(
-        '{"exit_code": 2, "verdict": null, "findings": ["no such port"], "run": null}'
-    )
-    (job / "events.jsonl").write_text('[1, "unit.next", "info", "", "", null, null, "S7"]\n')
-    return job
-
-
-@pytest.mark.parametrize("torn", [b"", b'{"time": "2026-09'])
-def test_an_interrupted_batch_of_an_earlier_release_is_resumed(bench: Bench, torn: bytes) -> None:
-    journal = interrupted(bench)
-    before = entries(journal.folder)
-    as_of_old(journal)
-    with (journal.folder / OLD_JOURNAL).open("ab") as file:
-        file.write(torn)
-    batch = bench.take(resume=True)
-    assert not batch.is_new
-    assert entries(journal.folder) == before
-    result = result_of(batch.processes.job_dir("a", 1))
-    assert (result.state, result.exit_code, result.text) == (State.FAILED, 2, "no such port")
-    batch.journal.note(END)
-    assert entries(journal.folder)[-1].seq == len(before) + 1
-    assert len(entries(journal.folder)) == len(before) + 1
-
-
-def test_a_finished_batch_of_an_earlier_release_counts(bench: Bench) -> None:
-    journal = interrupted(bench)
-    journal.note(END)
-    journal.note(FINISH)
-    as_of_old(journal)
-    assert "the last one finished at 2026-09" in bench.problems(resume=True)
-    assert not (journal.folder / NAME).exists()
-    assert bench.take().is_new
-
-
-def test_an_import_that_was_killed_is_done_again(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    journal = interrupted(bench)
-    before = entries(journal.folder)
-    as_of_old(journal)
-
-    def killed(*_: object) -> None:
-        raise Killed
-
-    with monkeypatch.context() as patch:
-        patch.setattr("jbclog.app.batch.store._old_text", killed)
-        with pytest.raises(Killed):
-            bench.take()
-    assert (journal.folder / NAME).exists()
-    bench.take()
-    bench.take()
-    assert entries(journal.folder) == before
-
-
-def test_an_old_journal_that_was_changed_stops_everything(bench: Bench) -> None:
-    journal = interrupted(bench)
-    as_of_old(journal)
-    path = journal.folder / OLD_JOURNAL
-    path.write_bytes(path.read_bytes().replace(b"a is started", b"b is started"))
-    assert "journal.jsonl: line" in bench.failure()
 
 
 # -- new or resumed --------------------------------------------------------------------------------

@@ -21,10 +21,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.analysis.metrics.definitions import METHODS
-from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
-from jbclog.analysis.runs import Records
+from jbclog.analysis.runs import Records, open_runs
 from jbclog.analysis.stored_tables import (
     BY,
     METRICS_SCHEMA,

@@ -1,8 +1,7 @@
 """Fields of a report that repeat its record: manifest, annotations and the tables of events,
 settings and counters.
 
-`gather` writes them; `agreement` compares them. Values computed from the samples (joints, metrics,
-figures, alarms) are not here.
+Values computed from the samples (joints, metrics, figures, alarms) are not here.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from jbclog.core.states import StationOutcome
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
 from jbclog.record.manifest import Ledger, Manifest, manifest_sha256
-from jbclog.report.facts import NOT_CLAIMED, NOT_CLAIMED_SHORT, REPRODUCE, SCHEMA, TO_SIGN
+from jbclog.report.facts import NOT_CLAIMED, NOT_CLAIMED_SHORT, SCHEMA, TO_SIGN
 from jbclog.report.safety import end_state, verification_facts
 from jbclog.report.tables import (
     COUNTER_COLUMNS,
@@ -48,7 +47,7 @@ class PortRows(NamedTuple):
 def of_run(run: Run) -> dict[str, Any]:
     """Return these fields of `Facts`, all but `verdict` and `stations`. Raises `RecordError`."""
     manifest, head, said = run.manifest, manifest_sha256(run.folder), read_annotations(run.folder)
-    stated = {"schema": SCHEMA, "rules": RULES, "jbclog": __version__, "reproduce": REPRODUCE}
+    stated = {"schema": SCHEMA, "rules": RULES, "jbclog": __version__}
     lists = {
         "not_claimed": [*NOT_CLAIMED],
         "not_claimed_short": [*NOT_CLAIMED_SHORT],
@@ -201,7 +200,7 @@ def _rate(manifest: Manifest) -> str:
     if isinstance(manifest.rate, float):
         return f"{manifest.rate:g} Hz"
     known = {facts.name: facts for facts in manifest.stations if facts.asked_rate is not None}
-    if not known:  # a record of release 1
+    if not known:  # a run of 0.1.0
         return str(manifest.rate or "not known")
     texts = {name: _rate_of(facts) for name, facts in known.items()}
     return (
