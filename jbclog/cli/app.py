@@ -34,7 +34,7 @@ READING: Final = frozenset(
 RECORDING: Final = frozenset(
     {
         *("audit", "batch", "demo", "doctor", "init", "read", "recover", "replay", "run", "safe"),
-        *("scan", "sim", "write"),
+        *("scan", "sim", "verify", "write"),
     }
 )
 """The commands that talk to stations, serve virtual ones, or finish what a recorder left: their

@@ -34,7 +34,8 @@ else:
     IS_POSIX = True
 
 NO_RECORDING: Final = (
-    "recording needs a POSIX system such as Linux; here jbclog reads what was recorded"
+    "recording, and talking to stations, need a POSIX system such as Linux; here jbclog reads what"
+    " was recorded"
 )
 
 
