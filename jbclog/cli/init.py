@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -283,10 +282,11 @@ def _urls(text: str) -> list[str]:
 
 
 def _name(text: str) -> str:
-    from jbclog.config.schema import NAME_ALLOWED, NAME_PATTERN
+    from jbclog.config.schema import name_problem
 
-    if not re.fullmatch(NAME_PATTERN, text.strip()):
-        raise typer.BadParameter(f"must be {NAME_ALLOWED}")
+    problem = name_problem(text.strip())
+    if problem is not None:
+        raise typer.BadParameter(f"{text.strip()}: is not allowed; {problem}")
     return text.strip()
 
 
