@@ -62,6 +62,54 @@ with follow("run", joints=True) as follower:
     state = follower.poll()
 print(run.verdict, state.phase.value, state.ports[0].joints.why)
 """
+WINDOWS_SIDE = """
+import os
+import threading
+from pathlib import Path
+
+from jbclog.core import operating_system as system
+from jbclog.core.durable_files import write_new, write_whole
+from jbclog.core.errors import RecordError
+from jbclog.core.locks import FolderLock, is_held, try_lock
+
+path = Path("locked")
+path.write_bytes(b"0123456789")
+first, second = (os.open(path, os.O_RDWR) for _ in range(2))
+os.lseek(first, 3, os.SEEK_SET)
+assert system.read_at(first, 4, 5) == b"5678"
+assert system.write_at(first, b"xy", 8) == 2
+assert os.read(first, 9) == b"34567xy"
+system.lock_exclusive(first)
+for lock in (system.lock_exclusive, system.lock_shared):
+    try:
+        lock(second)
+    except PermissionError:
+        continue
+    raise AssertionError(lock)
+assert os.read(second, 4) == b"0123"
+assert os.lseek(second, 0, os.SEEK_CUR) == 4
+assert try_lock(path) is None
+threading.Timer(0.2, os.close, [first]).start()
+system.wait_for_lock(second)
+os.close(second)
+
+folder = Path("taken")
+folder.mkdir()
+lock = FolderLock.take(folder)
+assert is_held(folder)
+try:
+    FolderLock.take(folder, 0.1)
+except RecordError as error:
+    assert f"process {os.getpid()}" in str(error)
+lock.release()
+assert not is_held(folder)
+write_whole(folder / "whole", b"1")
+write_new(folder / "new", b"2")
+assert system.limit_bytes() is None
+assert system.processes() == list(system.open_files(os.getpid())) == []
+system.lower_priority(10)
+print("fine")
+"""
 PAGE = """
 import threading
 import urllib.request
@@ -89,6 +137,7 @@ with listening("127.0.0.1", 0) as opened, follow(run, joints=True) as follower:
 
 CALLS = {
     "nothing": Call(code=NOTHING_OF_POSIX),
+    "locks": Call(code=WINDOWS_SIDE),
     "python": Call(code=PYTHON),
     "runs": Call(("runs", ".", "--json")),
     "report": Call(("report", "run", "--json")),
@@ -175,6 +224,7 @@ def test_what_reads_works_without_posix(name: str, done: dict[str, Done]) -> Non
 
 def test_what_is_read_there_is_what_was_recorded(desk: Path, done: dict[str, Done]) -> None:
     assert done["nothing"].out == "nothing of POSIX\n"
+    assert done["locks"].out == "fine\n"
     verdict, phase, *why = done["python"].out.split(" ", 2)
     assert (verdict, phase) == ("REJECT", "finalized")
     assert "needs a POSIX system" in why[0]
