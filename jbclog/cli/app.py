@@ -155,8 +155,9 @@ def main() -> None:
     make_usable()
     leave_out_plugins()
     threading.excepthook = _note_thread_error
-    is_reading = _limit_memory()
+    is_reading = False
     try:
+        is_reading = _limit_memory()
         app()
     except MemoryError:
         os.write(2, NO_MEMORY_TO_READ if is_reading else NO_MEMORY)

@@ -131,20 +131,29 @@ def _insist(
     """Ask once whether to order the stations that do not answer, and do it."""
     from jbclog.app.safe_state import insist, unanswered, why_mixed
 
+    for made in stations:
+        report = guards.report(made.target.url)
+        if report is not None and report[1].orders:
+            run, unsafe = report
+            note(
+                f"{made.target.name}: the guard of the run {run} has ordered it"
+                f" {unsafe.orders} times without an answer; --unanswered sends no further order,"
+                " because each begins the sleep delay again"
+            )
     silent = unanswered(stations, guards)
     if not silent:
         return
     names = ", ".join(f"{made.target.name} ({made.target.url})" for made in silent)
     mixed = why_mixed(line)
     if mixed is not None:
-        note(f"nothing sent to {names}: {mixed}. Switch the station off")
+        note(f"no order sent to {names}: {mixed}. Switch the station off")
         return
     note(
         f"No answer from {names}. An order may be sent all the same. The cable may lead to another"
         " station by now, and a tip that rests would be warmed."
     )
     if not _is_confirmed():
-        note("nothing sent. Switch the station off")
+        note("No order sent. Switch the station off")
         return
     insist(silent, access)
     for made in silent if not as_json else ():

@@ -57,7 +57,9 @@ def test_a_stream_that_cannot_write_a_character_gets_an_escape(
     (station,) = json.loads(ended.stdout)["stations"]
     assert station["url"].endswith("Prüfstück Ω/nowhere")
     ended = shell(
-        tmp_path / "Prüfstück Ω", "plan job.toml --line line.toml", PYTHONIOENCODING=encoding
+        tmp_path / "Prüfstück Ω",
+        "plan job.toml --line line.toml --verbose",
+        PYTHONIOENCODING=encoding,
     )
     assert ended.returncode == 0, ended.stderr
     assert "/nowhere" in ended.stdout

@@ -4,8 +4,6 @@ heater.
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from jbclog.core.errors import WriteForbidden
@@ -668,10 +666,3 @@ def test_the_guard_is_told_of_the_last_confirmed_digit() -> None:
     assert (1,) in leases
     assert leases[-1] == ()
     assert StationLease.from_json(lease_of(run.facts).to_json()) == lease_of(run.facts)
-
-
-def test_a_lease_of_the_first_release_has_no_suction_and_is_read() -> None:
-    run = sucking(with_keys()).go()
-    told = json.loads(lease_of(run.facts).to_json())
-    del told["suction"]
-    assert StationLease.from_json(json.dumps(told)).suction == ()

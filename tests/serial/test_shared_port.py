@@ -52,7 +52,7 @@ def test_the_other_program_is_named_before_station_and_cable(
         out = ["--out", tmp_path / "runs"] if command[0] == "run" else []
         ended = jbclog(*command, "--line", line, *out)
     assert ended.returncode == 3
-    start = f"dde-1: {far.url} is open in process {process} (python"
+    start = f"dde-1: {far.url} is open in process {process} (a Python program)"
     message = next(text for text in ended.stderr.splitlines() if start in text)
     assert message.index("end that program") < message.index("no usable answer")
 

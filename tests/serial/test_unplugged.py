@@ -141,9 +141,9 @@ def test_a_server_goes(way: str, how: str) -> None:
 def test_a_server_that_shuts_its_half_down_is_gone() -> None:
     with server() as far:
         port = open_port(far.url, LINE)
-        far.client.sendall(b"last")
+        far.client.sendall(b"\x02last")
         far.client.shutdown(socket.SHUT_WR)
-        assert port.read(1.0) == b"last"
+        assert port.read(1.0) == b"\x02last"
         with pytest.raises(LinkError, match="connection lost"):
             port.read(1.0)
         port.close()

@@ -53,7 +53,7 @@ def expect_record(result: Result, outcome: str, *words: str) -> None:
     assert events["time"].to_pylist() == sorted(events["time"].to_pylist())
     (found,) = find(
         result.folder.parent,
-        Filter(order="88123", unit="SN-1", state="failed", tags={"shift": "1"}),
+        Filter(order="88123", unit="SN-1", state="ended with error", tags={"shift": "1"}),
     )
     assert isinstance(found, Found)
     assert found.folder == result.folder

@@ -74,6 +74,7 @@ class Habits:
     alarm_unset: str = "00000"
     extractor_cools: bool = True
     combined_status: bool = True  # JTSE takes 00110
+    restless_c: float = 0.0  # a tip at work is read as this much more or less
     robot_mode: bool = True
 
 
@@ -237,6 +238,7 @@ class Soldering(Station):
             "WCD": "00000",
         }
         self.feeding = False
+        self.software = "01.07"
 
     def _place(self, code: str) -> tuple[Port, int] | None:
         """The port, and the tool, of a code of one letter with both."""
@@ -275,7 +277,7 @@ class Soldering(Station):
         if self.family == "ale":
             known.update(self.feeder, FEE=number(self.feeding))
         if self.family != "soldering":
-            known["SVR"] = "01.07"
+            known["SVR"] = self.software
         return known.get(code)
 
     def _read_port(self, two: str, port: Port, now: float) -> str | None:
@@ -292,7 +294,7 @@ class Soldering(Station):
         remaining = port.remaining_s(now)
         answers: dict[str, Callable[[], str]] = {
             "ST": lambda: number(port.selected),
-            "TT": lambda: number(port.temperature),
+            "TT": lambda: number(port.temperature + self._wandering()),
             "PP": lambda: number(min(port.power, 1000)),
             "PE": lambda: "00000" if port.tool else "00004",
             "PS": lambda: f"00{port.suction}{port.extractor}{port.units}",
@@ -305,6 +307,10 @@ class Soldering(Station):
             "LD": lambda: port.low_delay,
         }
         return answers[two]() if two in answers else None
+
+    def _wandering(self) -> float:
+        swing = self.habits.restless_c
+        return self.rng.uniform(-swing, swing) if swing else 0.0
 
     def is_known_write(self, code: str) -> bool:
         if code in ("MAT", "MIT", "RSP", "RST"):
@@ -805,14 +811,16 @@ class Served:
         self._selector = selectors.DefaultSelector()
         self._due: list[tuple[float, int, int, bytes]] = []
         self._sockets: dict[int, socket.socket] = {}
-        self._close: list[Callable[[], object]] = []
+        self._terminals: list[tuple[str, int, int]] = []
+        self._listening: dict[str, socket.socket] = {}
         self._order = 0
         self._ended = False
         self._thread = threading.Thread(target=self._serve, daemon=True)
         for name, one in cables.items():
-            (self._tcp if tcp else self._pty)(name, one, folder)
+            (self._tcp if tcp else self.plug)(name, one, folder)
 
-    def _pty(self, name: str, one: Cable, folder: Path) -> None:
+    def plug(self, name: str, one: Cable, folder: Path) -> None:
+        """Serve a cable on a new pseudo-terminal, under a name that an earlier one may have had."""
         master, slave = pty.openpty()
         tty.setraw(slave)
         os.set_blocking(master, False)
@@ -821,14 +829,33 @@ class Served:
         link.symlink_to(os.ttyname(slave))
         self.urls[name] = str(link)
         self._selector.register(master, selectors.EVENT_READ, one)
-        self._close += [lambda: os.close(master), lambda: os.close(slave)]
+        self._terminals.append((name, master, slave))
+
+    def unplug(self, name: str) -> None:
+        """End its pseudo-terminals; the next one may get the same number."""
+        for terminal in [each for each in self._terminals if each[0] == name]:
+            self._terminals.remove(terminal)
+            self._selector.unregister(terminal[1])
+            for descriptor in terminal[1:]:
+                os.close(descriptor)
 
     def _tcp(self, name: str, one: Cable, _folder: Path) -> None:
-        listening = socket.create_server(("127.0.0.1", 0))
+        self._listen(name, one, 0)
+        self.urls[name] = f"socket://127.0.0.1:{self._listening[name].getsockname()[1]}"
+
+    def _listen(self, name: str, one: Cable, port: int) -> None:
+        listening = socket.create_server(("127.0.0.1", port))
         listening.setblocking(False)
-        self.urls[name] = f"socket://127.0.0.1:{listening.getsockname()[1]}"
         self._selector.register(listening, selectors.EVENT_READ, (listening, one))
-        self._close.append(listening.close)
+        self._listening[name] = listening
+
+    def refuse(self, name: str, seconds: float) -> None:
+        """Refuse connections to a TCP port, and listen there again after some seconds."""
+        listening = self._listening.pop(name)
+        one = self._selector.unregister(listening).data[1]
+        port = listening.getsockname()[1]
+        listening.close()
+        threading.Timer(seconds, self._listen, (name, one, port)).start()
 
     def __enter__(self) -> Served:
         self._thread.start()
@@ -837,9 +864,9 @@ class Served:
     def __exit__(self, *_: object) -> None:
         self._ended = True
         self._thread.join()
-        for close in self._close:
-            close()
-        for one in self._sockets.values():
+        for name in [each[0] for each in self._terminals]:
+            self.unplug(name)
+        for one in (*self._listening.values(), *self._sockets.values()):
             one.close()
 
     def _serve(self) -> None:

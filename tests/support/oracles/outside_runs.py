@@ -91,13 +91,14 @@ def virtual(
     *,
     duration_s: float = 2.0,
     recipe: str = TIP,
+    air: str = AIR,
     allow_missing: bool = False,
     keys: str = "",
 ) -> Outcome:
-    """One run on `cables`; hot air gets `AIR`."""
+    """One run on `cables`; hot air gets `air`."""
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock, allow_missing=allow_missing)
-    recipes = {False: parse_recipe(recipe), True: parse_recipe(AIR)}
+    recipes = {False: parse_recipe(recipe), True: parse_recipe(air)}
     families = {name: one.station.family for name, one in cables.items()}
     text = bench.line_file(
         {name: name for name in cables}, families, more=dict.fromkeys(cables, keys)

@@ -94,7 +94,7 @@ def test_hot_air_under_a_soldering_family_is_wrong_usage(make: Make) -> None:
 def test_without_the_key_the_refusal_says_what_to_write(make: Make) -> None:
     bench = make(die(keys="ports = [1]"))
     ended = bench.do(*STAND)
-    assert (ended.code, 'if it is a dde, add model = "DIE"' in ended.err) == (3, True)
+    assert (ended.code, 'if its label says DDE, add model = "DIE"' in ended.err) == (3, True)
     bench.line.write_text(bench.line.read_text().replace('family = "dde"', 'family = "auto"', 1))
     ended = bench.do(*STAND)
     assert (ended.code, 'in place of "auto", and add model = "DIE"' in ended.err) == (3, True)

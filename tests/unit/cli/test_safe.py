@@ -9,8 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from jbclog.app import safe_state
+from jbclog.app.safe_state import GuardsAtWork
 from jbclog.cli.app import app
 from jbclog.core.errors import LinkError
+from jbclog.guard.inquiry import Unsafe
 from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.protocol.commands.robot import TOOLS_002
 from jbclog.sim.port import WORKING
@@ -541,7 +543,7 @@ def test_who_does_not_say_yes_orders_nothing(make: Make, reply: str) -> None:
     bench = silenced(make(station_text("dde-1", "dde")), "dde-1")
     ended = insisted(bench, reply)
     assert (ended.code, writes(bench, "dde-1")) == (5, [])
-    assert "nothing sent. Switch the station off" in ended.err
+    assert "No order sent. Switch the station off" in ended.err
 
 
 @pytest.mark.usefixtures("own_state")
@@ -552,8 +554,20 @@ def test_on_a_mixed_line_nobody_is_asked(make: Make, other: str) -> None:
     bench = silenced(make(*stations), "dde-1")
     ended = insisted(bench, "y\n")
     assert (ended.code, writes(bench, "dde-1")) == (5, [])
-    assert "nothing sent to dde-1" in ended.err
+    assert "no order sent to dde-1" in ended.err
     assert "Switch the station off" in ended.err
+
+
+@pytest.mark.usefixtures("own_state")
+def test_a_station_that_a_guard_has_ordered_is_named_and_not_ordered_again(
+    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = silenced(make(station_text("dde-1", "dde")), "dde-1")
+    unsafe = Unsafe("dde-1", bench.target("dde-1").url, {1: "it does not answer"}, orders=3)
+    monkeypatch.setattr(GuardsAtWork, "report", lambda guards, url: (tmp_path, unsafe))
+    ended = insisted(bench, "y\n")
+    assert (ended.code, writes(bench, "dde-1")) == (5, [])
+    assert f"the guard of the run {tmp_path} has ordered it 3 times without an answer" in ended.err
 
 
 @pytest.mark.usefixtures("own_state")
