@@ -62,7 +62,7 @@ PLAN = {
     *("cli", "cli.app", "cli.front_page", "cli.help", "cli.loading", "cli.names", "cli.options"),
     *("cli.output", "cli.streams", "config", "config.line", "config.load_recipe", "config.recipe"),
     *("config.recipe_sections", "config.recipe_settings", "config.schema", "config.sim_spec"),
-    *("core", "core.children", "core.errors", "core.files"),
+    *("core", "core.children", "core.errors", "core.files", "core.operating_system"),
     *(
         "core.toml",
         "core.goal",
