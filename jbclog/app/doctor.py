@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from jbclog.app.discovery import OnReport, search
+from jbclog.app.discovery import search
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.durable_files import write_whole
@@ -277,9 +277,7 @@ def look_at_timer(where: str, device: str) -> ScanFinding | None:
 NO_TOOL = "none"
 
 
-def look_at_stations(
-    line: Line, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
-) -> list[Looked]:
+def look_at_stations(line: Line, access: PortAccess = SYSTEM) -> list[Looked]:
     """Check every station of the line whose port is free. Sends only reads that clear nothing."""
     held = {
         spec.name: looked
@@ -287,7 +285,7 @@ def look_at_stations(
         if (looked := look_at_holder(spec.name, spec.url)) is not None
     }
     free = [spec for spec in line.stations if spec.name not in held]
-    reports = search([(spec.url, plan_for(spec)) for spec in free], on_report, access)
+    reports = search([(spec.url, plan_for(spec)) for spec in free], access=access)
     asked = {spec.name: report for spec, report in zip(free, reports, strict=True)}
     return [
         one
@@ -488,9 +486,7 @@ def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
 # -- examine ---------------------------------------------------------------------------------------
 
 
-def examine(
-    line: Line | None, out: Path, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
-) -> list[Looked]:
+def examine(line: Line | None, out: Path, access: PortAccess = SYSTEM) -> list[Looked]:
     """Check this machine and the stations of `line`; without a line, the USB ports, without opening
     them.
     """
@@ -500,7 +496,7 @@ def examine(
         look_at_lease_list(out),
     ]
     looked += look_at_modem_manager()
-    looked += _usb() if line is None else look_at_stations(line, on_report, access)
+    looked += _usb() if line is None else look_at_stations(line, access)
     return [*looked, look_at_memory()]
 
 

@@ -17,6 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from pyarrow import ArrowException
+from pyarrow.parquet import read_metadata
+
 from jbclog.core.durable_files import sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.files import MIB, Kind, open_regular, read_regular
@@ -177,7 +180,7 @@ class _Run:
             yield ANNOTATIONS
         for name in DERIVED:
             path, there = self.folder / name, self.stored.get(key_of(self.name, name))
-            if not path.is_file() or path.is_symlink():
+            if not path.is_file() or path.is_symlink() or not _is_whole(path):
                 continue
             here = path.stat()
             # S3 gives whole seconds
@@ -223,3 +226,16 @@ def _pieces(path: Path, expected: str | None = None) -> Iterator[bytes]:
             yield piece
     if expected is not None and digest.hexdigest() != expected:
         raise RecordError(f"{path} changed while it was published")
+
+
+def _is_whole(path: Path) -> bool:
+    """Return whether a derived file can be read: a damaged one would stop every reader of the
+    plant's table, and `jbclog report` makes it anew.
+    """
+    if path.suffix != ".parquet":
+        return True
+    try:
+        read_metadata(path)
+    except (ArrowException, OSError):
+        return False
+    return True

@@ -13,6 +13,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, echo_table, reports_errors
+from jbclog.config.task_names import STATED
 from jbclog.core.clock import utc_ms
 from jbclog.core.errors import RecordError, UsageError
 
@@ -91,7 +92,12 @@ def maintenance(
     if by is not None and not by.strip():
         raise UsageError("--by: must not be empty")
     from jbclog.maintenance.counter_totals.observed import Fact
-    from jbclog.maintenance.fleet_of_ledger import expect_port, place_of, task_of
+    from jbclog.maintenance.fleet_of_ledger import (
+        expect_port,
+        place_of,
+        task_of,
+        unanswered_falls,
+    )
 
     book = _read(ledger)
     book.expect_ledger()
@@ -100,10 +106,25 @@ def maintenance(
     now = datetime.now(UTC)
     when = utc_ms(now if at is None else _moment(at, now))
     known = task_of(task, book, _names(tasks))
+    if known in STATED:
+        _expect_answer(known, unanswered_falls(book, place), when, station)
     _keep(
         Fact(when, utc_ms(now), by or _user(), *place, known, port, part or "", remark),
         ledger,
         as_json=as_json,
+    )
+
+
+def _expect_answer(task: str, falls: Sequence[tuple[str, str]], when: str, station: str) -> None:
+    """Raise `UsageError` if counters fell, nobody has recorded why, and `when` is in none of these
+    spans: the entry would answer nothing, and count as a reset of its own.
+    """
+    if not falls or any(begin < when <= end for begin, end in falls):
+        return
+    spans = "; ".join(f"{begin} and {end}" for begin, end in falls)
+    raise UsageError(
+        f"--task {task}: {when} is not between the audits of {station} where its counters fell"
+        f" ({spans}); give --at {falls[-1][1]}. Nothing was added"
     )
 
 

@@ -311,6 +311,22 @@ def _changes(now: Observation, traces: Traces) -> Iterator[Difference]:
         yield from (change for change in (*trace.aside, *last) if change.end == now.time)
 
 
+def unanswered_falls(book: Book, place: Place) -> list[tuple[str, str]]:
+    """Return begin and end of each span in which a station's counters broke off and nobody has
+    recorded why, oldest first.
+    """
+    history = histories(book.entries).get(place)
+    if history is None:
+        return []
+    spans = {
+        (change.begin, change.end)
+        for trace in traces_of(history).now.values()
+        for change in (*trace.aside, *trace.differences)
+        if change.rule in BREAKS
+    }
+    return sorted(spans)
+
+
 def _question(changes: Iterable[Difference], station: str) -> str:
     """Return what a person must record of counters that do not continue; empty if all do."""
     broken = [change for change in changes if change.rule in BREAKS]

@@ -28,11 +28,6 @@ LATE: Final = (
     " one after another, gave 7.7 to 17.3 ms, and the program had waited that long before 10 of"
     " their 15 latest ticks (schedstat of Linux; 25 November 2026, busy machine)."
 )
-ONCE: Final = (
-    "Each value is one call. The fastest of three calls is straight within 5 %: 0.24, 0.27,"
-    " 0.44, 0.77 and 2.17 s of CPU for 10, 100, 1000, 3000 and 10 000 runs (25 November 2026,"
-    " busy machine)."
-)
 REPORT: Final = (
     "Two costs reach their limit within an hour: the figures, one of a minute and two from ten"
     " minutes on (0.7 and 1.4 s), and the identification of the tool, which reads at most twenty"
@@ -57,8 +52,6 @@ WHY: Final[Mapping[tuple[str, str], str]] = {
     },
     ("lengths", "report, s of CPU"): REPORT,
     ("lengths", "export mf4, MB"): HELD,
-    ("folders", "runs --no-cache, s"): ONCE,
-    ("folders", "runs --no-cache, s of CPU"): ONCE,
 }
 """(part, figure) -> why its line is not straight; written by who measured it."""
 

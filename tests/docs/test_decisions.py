@@ -24,7 +24,7 @@ WITHDRAWN = [
 FORM = re.compile(
     r"# (?P<number>\d+)\. (?P<title>[^\n]+)\n\n"
     r"Date: (?P<date>\d{4}-\d\d-\d\d)\n\n"
-    r"Status: (?P<status>accepted|superseded by (?P<later>\d{4}))\n\n"
+    r"Status: accepted\n\n"
     r"## Context\n\n(?P<context>\S.*?)\n\n## Decision\n\n(?P<decision>\S.*?)\n\n##"
     r" Consequences\n\n- (?P<consequences>\S.*)\n",
     re.DOTALL,
@@ -57,14 +57,6 @@ def test_a_record_has_the_templates_form(record: Path) -> None:
     assert len(record.read_text(encoding="utf-8").splitlines()) <= LONGEST
     headings = re.findall(r"^## .*$", TEMPLATE.read_text(encoding="utf-8"), re.MULTILINE)
     assert re.findall(r"^## .*$", record.read_text(encoding="utf-8"), re.MULTILINE) == headings
-
-
-@every_record
-def test_what_replaces_a_record_exists_and_is_newer(record: Path) -> None:
-    later = form_of(record)["later"]
-    assert later is None or (
-        later > record.name[:4] and any(path.name.startswith(later) for path in RECORDS)
-    )
 
 
 @every_record

@@ -38,6 +38,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 
@@ -55,6 +56,13 @@ LENGTHS, GAPS, RATES = (
     (0.5, 1.0, 1.2, 2.0, 5.0, 10.0),
     (10.0, 5.0, 2.0),
 )
+RECORDED = Path(__file__).parents[2] / "data" / "joints"
+MATRIX = RECORDED / "matrix.csv"
+"""F1 of the joints listed in each cell, 27 November 2026. Those with a feeder are older than the
+rule of when feeds cut a draw, by which they rose.
+"""
+OBSERVER = RECORDED / "observer.csv"
+"""What `apart_at_best` gives."""
 EDGE_S, BESIDE_S = 0.2, 0.3
 OFF_SHARE = 0.03
 STEP_S = third_plant.STEP_S
@@ -584,34 +592,18 @@ def told_apart(cell: Cell, trial: Trial) -> float:
     return float(min(wrong)) / len(joints)
 
 
-def apart_at_best(cells: Sequence[Cell], lived: dict[float, list[Trial]]) -> str:
-    """By length and gap, all tips together."""
+def apart_at_best(cells: Sequence[Cell], lived: dict[float, list[Trial]]) -> list[str]:
+    """By rate, length and gap, all tips together: lines as in `OBSERVER`."""
     lines = []
     for hz, trials in lived.items():
-        lines += [
-            (
-                f"third plant, {hz:g} Hz: wrong calls per joint of an observer who knows plant and"
-                " places"
-            ),
-            "",
-        ]
-        lines += [
-            "| length \\ gap | " + " | ".join(f"{gap:g} s" for gap in GAPS) + " |",
-            "|---" * (1 + len(GAPS)) + "|",
-        ]
         wrong: dict[tuple[float, float], list[float]] = {
             place: [] for place in product(LENGTHS, GAPS)
         }
         for cell, trial in zip(cells, trials, strict=True):
             wrong[cell.length, cell.gap].append(told_apart(cell, trial))
-        lines += [
-            f"| {length:g} s | "
-            + " | ".join(f"{np.mean(wrong[length, gap]):.2f}" for gap in GAPS)
-            + " |"
-            for length in LENGTHS
-        ]
-        lines.append("")
-    return "\n".join(lines)
+        for (length, gap), calls in wrong.items():
+            lines.append(f"{hz:g},{length:g},{gap:g},{np.mean(calls):.2f}")
+    return lines
 
 
 # -- the tables ------------------------------------------------------------------------------------
@@ -697,32 +689,33 @@ def rows_told(several: Sequence[Outcome], rates: Sequence[float] = RATES) -> str
     return "\n".join(lines)
 
 
-def matrix_told(several: Sequence[Outcome], plant: str, hz: float, fed: bool = False) -> str:
-    """F1 of the joints listed by length and gap, of the small, medium and large tip."""
+def matrix_rows(several: Sequence[Outcome], plant: str, hz: float, fed: bool = False) -> list[str]:
+    """F1 of the joints listed by length and gap, of the small, medium and large tip: lines as in
+    `MATRIX`.
+    """
     mine = [one for one in several if (one.cell.plant, one.hz, one.fed) == (plant, hz, fed)]
-    title = (
-        f"{plant} plant, {hz:g} Hz{', with a feeder' if fed else ''}: F1 of small · medium ·"
-        " large tip"
-    )
-    lines = [
-        title,
-        "",
-        "| length \\ gap | " + " | ".join(f"{gap:g} s" for gap in GAPS) + " |",
-        "|---" * (1 + len(GAPS)) + "|",
-    ]
-    for length in LENGTHS:
-        told = []
-        for gap in GAPS:
-            here = [one for one in mine if (one.cell.length, one.cell.gap) == (length, gap)]
-            told.append(
-                " · ".join(
-                    f"{f1_listed([one for one in here if one.cell.tip == tip]):.2f}" for tip in TIPS
-                )
-                if here
-                else ""
-            )
-        lines.append(f"| {length:g} s | " + " | ".join(told) + " |")
-    return "\n".join(lines)
+    lines = []
+    for length, gap in product(LENGTHS, GAPS):
+        here = [one for one in mine if (one.cell.length, one.cell.gap) == (length, gap)]
+        if not here:
+            continue
+        tips = [f1_listed([one for one in here if one.cell.tip == tip]) for tip in TIPS]
+        feeder = "yes" if fed else "no"
+        figures_of_tips = ",".join(f"{tip:.2f}" for tip in tips)
+        lines.append(f"{plant},{hz:g},{feeder},{length:g},{gap:g},{figures_of_tips}")
+    return lines
+
+
+def recorded_rows(plant: str, hz: float, fed: bool) -> list[str]:
+    """The lines of `MATRIX` for this plant and rate, in the order of `matrix_rows`."""
+    lines = MATRIX.read_text(encoding="utf-8").splitlines()
+    feeder = "yes" if fed else "no"
+    return [line for line in lines if line.startswith(f"{plant},{hz:g},{feeder},")]
+
+
+def mean_f1(rows: Sequence[str]) -> float:
+    """The mean over all lengths, gaps and tips."""
+    return float(np.mean([[float(figure) for figure in row.split(",")[5:]] for row in rows]))
 
 
 def apart_told(several: Sequence[Outcome]) -> str:

@@ -83,25 +83,6 @@ def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) 
     run.station.device.answer = answer  # type: ignore[method-assign]
 
 
-def turn_over(run: VirtualRun, code: str, bit: int, places: tuple[int, int], moment: float) -> None:
-    """Let the first answer to a question from a moment on arrive with this bit turned over in two
-    places of its data: the check byte, an XOR, is the same."""
-    ask, left = run.station.device.answer, [moment]
-
-    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
-        found = ask(header, text, now)
-        if found is None or header != "R" or text != code or not left or now < run.t0 + left[0]:
-            return found
-        left.clear()
-        flips = [bit if place in places else 0 for place in range(len(found[1]) - len(code))]
-        data = "".join(
-            chr(ord(one) ^ flip) for one, flip in zip(found[1][len(code) :], flips, strict=True)
-        )
-        return found[0], code + data
-
-    run.station.device.answer = answer  # type: ignore[method-assign]
-
-
 def marks(run: VirtualRun) -> list[EventRow]:
     return run.memory.of_kind("read.doubted")
 

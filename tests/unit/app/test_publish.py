@@ -343,3 +343,12 @@ def test_a_folder_that_cannot_be_written_is_one_line(run: Path, tmp_path: Path) 
     assert ended.exit_code == 4
     assert len(ended.stderr.splitlines()) == 1
     assert "Not a directory" in ended.stderr
+
+
+def test_a_damaged_derived_file_stays_out_of_the_table(run: Path, tree: Tree) -> None:
+    """Readers of the whole plant would stop at it; `jbclog report` makes it anew."""
+    write_report(run)
+    joints = run / "joints.parquet"
+    joints.write_bytes(joints.read_bytes()[:-4])
+    publish(run, tree)
+    assert tree.stored([key_of(run.name, "joints.parquet")]) == {}

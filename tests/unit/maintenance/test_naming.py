@@ -231,3 +231,24 @@ def test_the_command_of_the_question_records_the_answer(
     (station,) = fleet_of(read_book(ledger), looks[1:], later).stations
     assert [mark.rule for mark in station.meters[0].counter_total.marks] == [rule]
     assert (station.question == "") == (rule != "fell")
+
+
+@pytest.mark.parametrize("at", [(), ("--at", "2026-11-20"), ("--at", "2026-11-23")])
+def test_an_answer_at_another_time_than_the_fall_is_refused(
+    tmp_path: Path, at: tuple[str, ...]
+) -> None:
+    """It would answer nothing, and the next audit would count it as a reset of its own."""
+    ledger, later = tmp_path / "counters.jsonl", "2026-11-22T06:17:00.000+00:00"
+    looks = [
+        Observation(
+            time, time, "bench-3", "dde-1", "/dev/x", True, counts=(Count(1, "work_h", "h", value),)
+        )
+        for time, value in ((AT, 99_990.0), (later, 7.0))
+    ]
+    add(ledger, looks)
+    before = ledger.read_bytes()
+    words = ["done", "--station", "dde-1", "--task", "counters-reset", "--ledger", ledger, *at]
+    ended = call(*words)
+    assert ended.exit_code == 2
+    assert f"give --at {later}. Nothing was added" in ended.stderr
+    assert ledger.read_bytes() == before

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
 from support.plants import joint_matrix, third_plant
-from support.plants.joint_matrix import Cell, Said, judged
+from support.plants.joint_matrix import GAPS, LENGTHS, Cell, Said, judged
 from support.plants.third_plant import Script, Trial, Truth
 
 # 432 trials a plant; the first third of them (`repeat` 0) was fixed before anything was run
@@ -176,7 +177,7 @@ def test_what_is_found_on_the_third_plant(lived: list[Trial]) -> None:
     """A slice of the campaign: joints of 0.5 to 2 s on each tip at 10 Hz, dense ones among them."""
     found = joint_matrix.found_in(SLICE, {10.0: lived})
     print(f"\n{joint_matrix.rows_told(found, (10.0,))}\n")
-    print(joint_matrix.matrix_told(found, "third", 10.0))
+    print(*joint_matrix.matrix_rows(found, "third", 10.0), sep="\n")
     figures = joint_matrix.figures(found, 10.0)
     assert sum(one.truths for one in found if not one.fed) > 250
     for name, least in SLICE_HOLDS.items():
@@ -193,14 +194,10 @@ def test_the_whole_matrix(
     lived = joint_matrix.records(cells)
     found = joint_matrix.found_in(cells, lived)
     tables = [joint_matrix.rows_told(found)]
-    tables += [
-        joint_matrix.matrix_told(found, plant, hz, fed)
-        for fed in (False, True)
-        for hz in joint_matrix.RATES
-    ]
+    parts = [(hz, fed) for fed in (False, True) for hz in joint_matrix.RATES]
+    rows = {part: joint_matrix.matrix_rows(found, plant, *part) for part in parts}
+    tables += ["\n".join(lines) for lines in rows.values()]
     tables += [joint_matrix.apart_told(found)]
-    if plant == "third":
-        tables += [joint_matrix.apart_at_best(cells, lived)]
     with capsys.disabled():
         print("\n" + "\n\n".join(tables))
     at_ten = [one for one in found if one.hz == 10.0]
@@ -213,6 +210,39 @@ def test_the_whole_matrix(
         assert figures[NUMBER] <= off, hz
         for name, figure in zip(F1_ROWS, least, strict=True):
             assert figures[name] >= figure, (name, hz)
+    for part, lines in rows.items():
+        recorded = joint_matrix.mean_f1(joint_matrix.recorded_rows(plant, *part))
+        assert joint_matrix.mean_f1(lines) >= recorded - 0.01, part
+
+
+def test_the_recorded_matrix_has_each_cell_once() -> None:
+    header, *lines = joint_matrix.MATRIX.read_text(encoding="utf-8").splitlines()
+    assert header == "plant,hz,feeder,length_s,gap_s,small,medium,large"
+    cells = [tuple(line.split(",")[:5]) for line in lines]
+    places = [(f"{length:g}", f"{gap:g}") for length, gap in product(LENGTHS, GAPS)]
+    assert cells == [
+        (plant, f"{hz:g}", feeder, *place)
+        for plant in joint_matrix.PLANTS
+        for feeder in ("no", "yes")
+        for hz in joint_matrix.RATES
+        for place in places
+    ]
+    for plant, holds in HOLDS.items():
+        for hz, (least, *_) in zip(joint_matrix.RATES, holds, strict=True):
+            long = [
+                line
+                for line in joint_matrix.recorded_rows(plant, hz, False)
+                if float(line.split(",")[3]) >= 0.5 and float(line.split(",")[4]) >= 1.0
+            ]
+            assert joint_matrix.mean_f1(long) >= least - 0.01, (plant, hz)
+
+
+@pytest.mark.campaign
+def test_what_an_observer_tells_apart_is_as_recorded() -> None:
+    """Who knows the third plant and every place; the finder is not asked."""
+    cells = joint_matrix.cells_of("third", REPEATS)
+    _, *recorded = joint_matrix.OBSERVER.read_text(encoding="utf-8").splitlines()
+    assert joint_matrix.apart_at_best(cells, joint_matrix.records(cells)) == recorded
 
 
 @pytest.mark.campaign
