@@ -7,51 +7,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from jbclog.core.clock import elapsed
-from jbclog.core.errors import LinkFlooded, Refusal, StationError
+from jbclog.core.errors import LinkFlooded, StationError
 from jbclog.core.io_requests import Steps
 from jbclog.core.states import SafetyResult
 from jbclog.guard.continuity import Continuity, why_left_alone
+from jbclog.guard.identifying import identify
 from jbclog.guard.lease import StationLease
-from jbclog.protocol.client.confirmed_reads import read_confirmed
-from jbclog.protocol.client.interface import Client
-from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.blind import blind_word, write_unanswered
 from jbclog.session.safety.secure import LOOK_S
 from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 from jbclog.transport.device import PortDevice
-
-
-def _ignore(_other: str) -> None:
-    """Forget another station."""
-
-
-def identify(
-    client: Client, lease: StationLease, found_other: Callable[[str], None] = _ignore
-) -> Steps[bool]:
-    """Return True if the station answers the leased model and, if there is one, the leased
-    software. `found_other` gets the description of another one.
-    """
-    family = FAMILIES[lease.family]
-    commands = family.commands
-    if not (lease.model_accepted or family.proves(lease.model or "")):
-        return False
-    model = yield from read_confirmed(client, commands["model"], known=lease.model)
-    if model != lease.model:
-        found_other(f"a {model}, not the {lease.model}")
-        return False
-    if lease.software is None:
-        return True
-    try:
-        software = yield from read_confirmed(
-            client, commands["software_version"], known=lease.software
-        )
-    except Refusal:
-        return False
-    if software != lease.software:
-        found_other(f"a {model} with software {software}, not the one with {lease.software}")
-    return software == lease.software
 
 
 class BlindOrders:
@@ -107,7 +74,8 @@ class BlindOrders:
         return (yield from self._identify(task))
 
     def _identify(self, task: SafetyTask) -> Steps[bool]:
-        return identify(task.client, self._lease, self._note_other)
+        hours = self._continuity.hours.get(self._lease.name, {})
+        return identify(task.client, self._lease, hours, self._note_other)
 
     def _note_other(self, description: str) -> None:
         if self._lease.name not in self._continuity.others:
@@ -121,7 +89,7 @@ class BlindOrders:
             for tool in task.tools if self.count else ():
                 self._word(task, tool)  # why a tool that rests was not among those ordered
             # over a flooded link the usual order would go out, which may heat on a mixed line
-            if self.was_mixed or self.count or self._lease.name in self._continuity.others:
+            if self.was_mixed or self.count or self._may_be_other():
                 task.is_stranger = True
             return
         self._why = ""
@@ -145,6 +113,12 @@ class BlindOrders:
                 tool.note_order(word)
                 self._continuity.note_order(self._lease.name, tool.port, word)
                 tool.reached = SafetyResult.SENT
+
+    def _may_be_other(self) -> bool:
+        """Return True if another station was found, or the port leads to another device."""
+        name = self._lease.name
+        is_found = name in self._continuity.others
+        return is_found or self._continuity.has_changed(name, self.device)
 
     def _is_allowed_now(self) -> bool:
         """Return True if the station is still proven, just before an order is sent."""

@@ -15,6 +15,9 @@ so does the guard, within narrow limits, because another cable may be plugged in
 5. At most `MOST_ORDERS` times within `ORDER_FOR_S` after the recorder's death, because each *stand*
    begins the sleep delay again; and never again once another station was identified.
 
+Wherever a guard asks which station it is, model, software and the plugged hours that the run read
+must fit (`identifying.py`).
+
 The facts are in the guard's memory only: a lease read from disk proves nothing.
 """
 
@@ -36,18 +39,23 @@ ORDER_FOR_S: Final = 10.0
 MOST_ORDERS: Final = 3
 
 
+Hours = Mapping[int, tuple[int, float]]
+"""Plugged hours by port, each with the time of its reading (`clock.elapsed`)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Proof:
     """A station was identified on `device`, and last answered at `answered_at` (`clock.elapsed`).
 
     `statuses`: the last status word of each touched port; None if it was never read, or is not
-    known since it was ordered.
+    known since it was ordered. `hours`: of the ports where the run read them.
     """
 
     station: str
     device: PortDevice
     answered_at: float
     statuses: Mapping[int, StatusWord | None] = field(default_factory=dict)
+    hours: Hours = field(default_factory=dict)
 
 
 build_proof: Final = builder(Proof)
@@ -55,12 +63,14 @@ build_proof: Final = builder(Proof)
 
 
 class Continuity:
-    """What a guard knows about the stations of its run, to order one that does not answer.
+    """What a guard knows about the stations of its run, to tell each from another, and to order one
+    that does not answer.
 
     `families`: names of all families of the line file, recorded or not; None until the recorder has
     sent them. `died_at`: when the recorder was gone. `orders`: how often a station was ordered
     without an answer, and `ordered` how often each tool, with the last state, by station and port.
-    `others`: what was found in a station's place.
+    `others`: what was found in a station's place. `hours`: of each station, also when its proof no
+    longer counts.
     """
 
     def __init__(self) -> None:
@@ -70,6 +80,12 @@ class Continuity:
         self.orders: Counter[str] = Counter()
         self.ordered: dict[tuple[str, int], tuple[StatusWord, int]] = {}
         self.others: dict[str, str] = {}
+        self.hours: dict[str, Hours] = {}
+
+    def note_proof(self, proof: Proof) -> None:
+        """Register that a station was identified."""
+        self.proofs[proof.station] = proof
+        self.hours[proof.station] = proof.hours
 
     def note_answers(self, times: Mapping[str, float]) -> None:
         """Register later answers of stations on the same devices."""
@@ -82,6 +98,11 @@ class Continuity:
         """Register that a tool was ordered without an answer."""
         _, times = self.ordered.get((station, port), (word, 0))
         self.ordered[station, port] = word, times + 1
+
+    def has_changed(self, station: str, device: PortDevice | None) -> bool:
+        """Return True if `device` is known to be another one than when the station was proven."""
+        proof = self.proofs.get(station)
+        return proof is not None and device is not None and device != proof.device
 
     def may_rest(self, lease: StationLease) -> bool:
         """Return True if a leased tool was at rest when its status was last read."""

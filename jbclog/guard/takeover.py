@@ -23,8 +23,9 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.core.states import SafetyResult
 from jbclog.core.text import count_text
 from jbclog.guard.action_log import ActionLog, show
-from jbclog.guard.blind_orders import BlindOrders, identify
+from jbclog.guard.blind_orders import BlindOrders
 from jbclog.guard.continuity import Continuity, is_mixed
+from jbclog.guard.identifying import identify
 from jbclog.guard.lease import StationLease, families_leased
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES

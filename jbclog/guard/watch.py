@@ -107,8 +107,7 @@ class Watch:
     def _hear_identity(self, kind: str, text: str = "null") -> None:
         known, facts = self.continuity, json_of(text)
         if kind == PROOF:
-            proof = build_proof(facts)
-            known.proofs[proof.station] = proof
+            known.note_proof(build_proof(facts))
         elif kind == ANSWERED:
             known.note_answers(_build_times(facts))
         elif kind == DOUBTED:

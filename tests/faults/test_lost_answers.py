@@ -38,12 +38,13 @@ from support.faults.guarded import (
     TOLD_S,
     TOOLS,
     Blow,
+    actions_in,
     begun,
     ended,
     guard_of,
     only_run,
 )
-from support.virtual.served_line import RECIPE, ServedLine
+from support.virtual.served_line import LINE, RECIPE, ServedLine
 
 pytestmark = pytest.mark.usefixtures("own_state")
 
@@ -144,9 +145,9 @@ def test_every_tool_is_ordered_to_stand_at_most_three_times_and_none_is_called_s
     run = at_work(line, tmp_path / "runs")
     blow, guard = struck(run, number)
     with ended_guard(guard), lost(line, loss):
-        assert until(lambda: line.at_work() == 0, 60.0)
+        # a robot may start the feeder again before its tool stands: the next order stops it
+        assert until(lambda: line.at_work() == 0 and not line.motor("ale-1"), 60.0)
         assert time.monotonic() - blow.at < TOLD_S
-        assert not line.motor("ale-1")
         ended(run)
         folder = only_run(tmp_path / "runs")
         assert until(lambda: {*problems(folder).values()} == {ORDERED}, 20.0), problems(folder)
@@ -314,6 +315,52 @@ def test_another_device_behind_the_name_gets_nothing(line: ServedLine, tmp_path:
     }
 
 
+def of_age(hours: int) -> str:
+    counters = f"[station.sim]\ncounters = {{plugged_hours = {hours}}}\n"
+    return LINE.replace("[station.sim]\n", counters)
+
+
+@pytest.mark.parametrize(("hours", "is_ordered"), [(1200, True), (900, False)])
+def test_behind_another_device_a_station_of_the_same_model_is_told_by_its_hours(
+    tmp_path: Path, hours: int, is_ordered: bool
+) -> None:
+    """Each name leads to a station of the same model and software that answers."""
+    for name in ("line", "others"):
+        (tmp_path / name).mkdir()
+    with (
+        ServedLine(tmp_path / "line", of_age(1200)) as line,
+        ServedLine(tmp_path / "others", of_age(hours)) as others,
+    ):
+        run = at_work(line, tmp_path / "runs")
+        run.send_signal(signal.SIGSTOP)  # it does not see the others
+        for name in line.stations:
+            link = Path(line.url(name))
+            link.unlink()
+            link.symlink_to(Path(others.url(name)).readlink())
+        _, guard = struck(run)
+        with ended_guard(guard):
+            folder = only_run(tmp_path / "runs")
+            if is_ordered:
+                assert until(lambda: len(ordered_tools(others)) == TOOLS, 30.0)
+            else:
+                assert until(lambda: len(problems(folder)) == TOOLS, 30.0)
+                time.sleep(2.0)
+        ended(run)
+        assert bool(ordered_tools(others)) is is_ordered
+        asked = {name: station.log.reads for name, station in others.stations.items()}
+    assert min(asked.values()) > 0
+    if not is_ordered:
+        why = "there is now a DDE with 900 plugged hours on port 1, not the one with 1200"
+        assert f"got no order: on {line.url('dde-1')} {why}" in problems(folder)["dde-1 port 1"]
+        actions = [(kind, severity) for kind, severity, _, _ in actions_in(folder)]
+        assert actions.count(("identity.changed", "critical")) == len(line.stations)
+
+
+def ordered_tools(line: ServedLine) -> set[tuple[str, int]]:
+    """The tools that got an order; a feeder is no tool."""
+    return {(order.station, order.port) for order in line.orders() if order.name == "status"}
+
+
 # -- jbclog safe -----------------------------------------------------------------------------------
 
 
@@ -339,3 +386,32 @@ def test_safe_while_the_guard_is_at_work_gives_one_answer(line: ServedLine, tmp_
         r"the guard of the run .* says: port 1: .* stand was ordered \d times", ended_safe.stderr
     )
     assert max(orders.values()) <= MOST_ORDERS
+
+
+SAFE_LATER_S = 2.0  # beside a guard at work
+
+
+def test_safe_beside_the_guard_takes_little_longer_than_on_free_ports(
+    line: ServedLine, tmp_path: Path
+) -> None:
+    """The guard could not reach one station; then all answer, and it is about to try again."""
+    run = at_work(line, tmp_path / "runs")
+    with lost(line, all_of_them, "ucr-1"):
+        _, guard = struck(run)
+        folder = only_run(tmp_path / "runs")
+        assert until(lambda: "ucr-1 port 1" in problems(folder), 30.0)
+    with ended_guard(guard):
+        beside_guard_s = safe_s(line)
+    ended(run)
+    for tool in line.tools():
+        tool.order(WORKING, False)
+    free_s = safe_s(line)
+    assert beside_guard_s <= free_s + SAFE_LATER_S
+    assert line.at_work() == 0
+
+
+def safe_s(line: ServedLine) -> float:
+    """How long `jbclog safe` takes, which must reach all tools."""
+    begun_at = time.monotonic()
+    assert jbclog("safe", "--line", line.path).returncode == 0
+    return time.monotonic() - begun_at

@@ -241,10 +241,6 @@ ROWS = {
 }
 SLICE = ("every family", "suspended for 40 s", "some rest", "cables swapped, hot air is off")
 """Run by default."""
-NOT_TOLD_APART = pytest.mark.xfail(
-    strict=True, reason="the guard asks for model and software, and not for hours"
-)
-OPEN = ("another device of the same model that answers",)
 
 
 # -- one death -------------------------------------------------------------------------------------
@@ -498,11 +494,7 @@ def test_a_recorder_dies_unheard(name: str, tmp_path: Path, counted: Callable[..
 
 @pytest.mark.campaign
 @pytest.mark.usefixtures("clock")
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=NOT_TOLD_APART if name in OPEN else ()) for name in ROWS],
-    ids=slug,
-)
+@pytest.mark.parametrize("name", ROWS, ids=slug)
 def test_each_death_of_a_recorder_that_is_unheard(
     name: str, tmp_path: Path, counted: Callable[..., None]
 ) -> None:

@@ -60,7 +60,8 @@ class Identities:
                 for port in context.ports.values()
                 if port.touched
             }
-            self._proofs[name] = Proof(name, device, context.station.heard, statuses)
+            hours = dict(context.plugged_hours)
+            self._proofs[name] = Proof(name, device, context.station.heard, statuses, hours)
 
 
 def _status(context: SessionContext, port: PortState) -> StatusWord | None:

@@ -1,11 +1,10 @@
 """Decide whether it is still the same station: adapters swap names, and people swap cables.
 
 Checked after every disconnection. The model proves little on a production line of equal units, so
-the software version and the plugged hours are compared too: hours never fall, and grow no faster
-than time (docs/reference/faults.md, F-16 and F-17). Hours are compared at every reading, because
-two cables can be swapped between two requests; model and software are read as often as the
-counters. Nothing in the manuals distinguishes two units of one model and software with equal hours.
-OMEGA reports none of these.
+the software version and the plugged hours are compared too (docs/reference/faults.md, F-16 and
+F-17). Hours are compared at every reading, because two cables can be swapped between two requests;
+model and software are read as often as the counters. Nothing in the manuals distinguishes two units
+of one model and software with equal hours. OMEGA reports none of these.
 """
 
 from __future__ import annotations
@@ -15,12 +14,9 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.protocol.client.confirmed_reads import read_confirmed, unanswered_read
+from jbclog.protocol.commands.plugged_hours import can_be
 from jbclog.session.rates import IDENTITY_READS
 from jbclog.session.run.context import Identity, SessionContext
-
-RESOLUTION_H = 1  # the counters count whole hours
-DRIFT = 0.01  # maximum drift between the station's clock and ours
-ROLLS_OVER_AT = 100_000  # five digits
 
 
 def learn_identity(context: SessionContext) -> Steps[None]:
@@ -104,7 +100,7 @@ def _difference(context: SessionContext) -> Steps[str | None]:
             return f"a {model} with software {found}, not the one with {software}"
     for number, (before, then) in context.plugged_hours.items():
         hours = yield from _hours(context, number, before)
-        if hours is not None and not _can_be(hours, before, context.now - then):
+        if hours is not None and not can_be(hours, before, context.now - then):
             context.answers_as = Identity(model, software, {number: hours})
             return (
                 f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
@@ -117,7 +113,7 @@ def expect_same(context: SessionContext, number: int, hours: Value) -> None:
     before, then = context.plugged_hours.get(number, (None, 0.0))
     if before is None or not isinstance(hours, int):
         return
-    if not _can_be(hours, before, context.now - then):
+    if not can_be(hours, before, context.now - then):
         raise OtherStation(
             f"the plugged hours of port {number} are {hours}, and were {before}", since=then
         )
@@ -164,11 +160,6 @@ def expect_still_same(context: SessionContext) -> Steps[None]:
                 f"it no longer knows its {name.replace('_', ' ')}", since=since
             ) from error
         expect_identity(context, name, found)
-
-
-def _can_be(hours: int, before: int, seconds: float) -> bool:
-    """Return True if a counter can go from `before` to `hours` in that time."""
-    return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H
 
 
 def _hours(context: SessionContext, number: int, known: int | None = None) -> Steps[int | None]:

@@ -209,9 +209,7 @@ def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
 
 
 def order_blindly(task: SafetyTask) -> Steps[None]:
-    """Stop the feeder and order the state that is always possible, unproven; earlier readings are
-    void.
-    """
+    """Stop the feeder and order the states that need no proof; earlier readings are void."""
     if task.is_stranger:
         return
     if task.has_fed:
@@ -220,7 +218,7 @@ def order_blindly(task: SafetyTask) -> Steps[None]:
     for tool in task.tools:
         if tool.reached == SafetyResult.VERIFIED:
             tool.reached = SafetyResult.FAILED if tool.was_spared else SafetyResult.SENT
-        word = task.words(tool)[-1]
+        word = task.unproven_word(tool)
         tool.was_spared = False
         tool.note_order(word)
         if (yield from _write_blindly(task, "status", word, tool.port)):

@@ -187,7 +187,8 @@ def _fall_back(
             ):
                 continue
             before = choices[place - 1]
-            tool.pass_over(before, f"{task.family.status.shown(before)} was not confirmed")
+            why = f"{task.family.status.shown(before)} was not confirmed"
+            tool.pass_over_unconfirmed(before, why)
             orders.append((tool, choices[place]))
         yield from order(task, orders)
 

@@ -35,6 +35,7 @@ class ToolSafety:
     _first: StatusWord | None = None
     _passed_over: dict[StatusWord, str] = field(default_factory=dict)
     _ruled_out: set[StatusWord] = field(default_factory=set)
+    _unconfirmed: set[StatusWord] = field(default_factory=set)  # of those, no answer rules them out
 
     @property
     def is_safe(self) -> bool:
@@ -60,6 +61,18 @@ class ToolSafety:
         self._passed_over.setdefault(word, why)
         if rule_out:
             self._ruled_out.add(word)
+            self._unconfirmed.discard(word)
+
+    def pass_over_unconfirmed(self, word: StatusWord, why: str) -> None:
+        """As `pass_over` for an order without a usable answer, which may have been obeyed."""
+        is_open = self.may_obey(word)
+        self.pass_over(word, why)
+        if is_open:
+            self._unconfirmed.add(word)
+
+    def may_obey(self, word: StatusWord) -> bool:
+        """Return True unless an answer of the station rules this order out."""
+        return word not in self._ruled_out or word in self._unconfirmed
 
     def is_ruled_out(self, word: StatusWord) -> bool:
         """Return True if the station refuses this order, or the tool does not cool by it."""
@@ -112,6 +125,14 @@ class SafetyTask:
     def words(self, tool: ToolSafety) -> list[StatusWord]:
         """Return the orders that may make this tool safe, in the order to try."""
         return tool.choices(self.family.status.safe_words(self.wanted, suction=bool(tool.suction)))
+
+    def unproven_word(self, tool: ToolSafety) -> StatusWord:
+        """Return the order for a tool of which nothing can be read: the wanted state, unless it
+        would have to be seen to cool or the station has ruled it out.
+        """
+        words = self.family.status.safe_words(self.wanted, suction=bool(tool.suction))
+        likely = (word for word in words if tool.may_obey(word) and not self.has_to_cool(word))
+        return next(likely, words[-1])
 
     def has_to_cool(self, word: StatusWord) -> bool:
         """Return True if this state counts only if the tool is seen to cool."""

@@ -119,6 +119,38 @@ class Cable:
         return IoResult(self.now, b"", self.now)
 
 
+class FloodedCable(Cable):
+    """One that brings a kilobyte of copies of a frame every 50 ms, whatever is asked, for so many
+    seconds.
+    """
+
+    def __init__(
+        self, end: VirtualStation, frame: bytes, seconds: float = 99.0, *, is_out: bool = False
+    ) -> None:
+        super().__init__(end, is_out=is_out)
+        self._copies = (frame * 1000)[:1024]
+        self._until = ASKED_AT + seconds
+        self._next_at = ASKED_AT
+
+    def begin_at(self, at: float) -> None:
+        """It floods from then on only."""
+        self._next_at = at
+
+    def _next(self, until: float) -> IoResult:
+        copies_at = max(self._next_at, self.now)
+        answer_at = self.coming[0][0] if self.coming else until
+        if copies_at > min(answer_at, until, self._until):
+            return super()._next(until)
+        sent, self.now = self.now, copies_at
+        self._next_at = copies_at + 0.05
+        return IoResult(self.now, self._copies, sent)
+
+    def _waited(self, request: Wait) -> IoResult:
+        begun, end = max(self._next_at, self.now), max(request.until, self.now)
+        came = self._copies * (1 + int((end - begun) / 0.05)) if begun <= end < self._until else b""
+        return super()._waited(request)._replace(data=came)
+
+
 def task(
     *ports: int,
     family: str = "dde",

@@ -29,7 +29,8 @@ LEASE = StationLease(
 )
 DEVICE = PortDevice(None, 48128, 17, "1-4", "FT1")
 ANSWERED_AT = 100.0
-PROOF = Proof("ucr-1", DEVICE, ANSWERED_AT, {1: WORKING})
+HOURS = {1: (1200, 60.0)}
+PROOF = Proof("ucr-1", DEVICE, ANSWERED_AT, {1: WORKING}, HOURS)
 DIED_AT = 105.0
 SILENT = "it last answered 31 s ago, more than 30 s"
 OTHER_DEVICE = "its port is not known to be the same device as before"
@@ -192,6 +193,8 @@ def test_the_recorders_lines_arrive_as_they_were_sent() -> None:
     assert watch.continuity.proofs == {"ucr-1": replace(PROOF, answered_at=111.5)}
     heard(watch, "doubted", "ucr-1")
     assert watch.continuity.proofs == {}
+    # another station was there: its model and software alone must not prove it
+    assert watch.continuity.hours == {"ucr-1": HOURS}
 
 
 @pytest.mark.parametrize("line", ["proof", "proof {}", "answered 7", "families {", "doubted"])

@@ -38,6 +38,7 @@ def station(**changes: object) -> Station:
         "identity_at": {"model": 60.0, "software_version": 61.0},
         "is_proven": True,
         "has_ordered_status": True,
+        "plugged_hours": {1: (1200, 55.0)},
         "station": SimpleNamespace(heard=70.0),
         "facts": SimpleNamespace(family="ucr"),
         "order": SimpleNamespace(url="/dev/ttyUSB0"),
@@ -59,6 +60,7 @@ def test_a_station_at_work_is_proven_at_its_last_answer(
     found = made(station(), terminal, monkeypatch)
     (proof,) = found.proofs()
     assert (proof.station, proof.answered_at, proof.statuses) == ("ucr-1", 70.0, {1: WORKING})
+    assert proof.hours == {1: (1200, 55.0)}
     assert proof.device.number == os.fstat(terminal).st_rdev
     assert found.families() == ["jtse", "ucr"]  # the one that is not recorded, too
 

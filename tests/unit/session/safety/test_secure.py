@@ -23,7 +23,7 @@ from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import SLEEP, WORKING, SimPort
 from jbclog.sim.virtual import VirtualStation
 from support.campaigns.each_row import each_row
-from support.clients.making_safe import ASKED_AT, Cable, Silent, station, task
+from support.clients.making_safe import ASKED_AT, Cable, FloodedCable, Silent, station, task
 from support.clients.talk import framed
 from support.golden.form import with_check_byte
 
@@ -716,38 +716,6 @@ def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> 
 # -- a flooded link --------------------------------------------------------------------------------
 
 
-class FloodedCable(Cable):
-    """One that brings a kilobyte of copies of a frame every 50 ms, whatever is asked, for so many
-    seconds.
-    """
-
-    def __init__(
-        self, end: VirtualStation, frame: bytes, seconds: float = 99.0, *, is_out: bool = False
-    ) -> None:
-        super().__init__(end, is_out=is_out)
-        self._copies = (frame * 1000)[:1024]
-        self._until = ASKED_AT + seconds
-        self._next_at = ASKED_AT
-
-    def begin_at(self, at: float) -> None:
-        """It floods from then on only."""
-        self._next_at = at
-
-    def _next(self, until: float) -> IoResult:
-        copies_at = max(self._next_at, self.now)
-        answer_at = self.coming[0][0] if self.coming else until
-        if copies_at > min(answer_at, until, self._until):
-            return super()._next(until)
-        sent, self.now = self.now, copies_at
-        self._next_at = copies_at + 0.05
-        return IoResult(self.now, self._copies, sent)
-
-    def _waited(self, request: Wait) -> IoResult:
-        begun, end = max(self._next_at, self.now), max(request.until, self.now)
-        came = self._copies * (1 + int((end - begun) / 0.05)) if begun <= end < self._until else b""
-        return super()._waited(request)._replace(data=came)
-
-
 SAFE, OTHER, OURS = framed("APS100001"), framed("ASMNNAE"), framed("ASMNDDE")
 
 
@@ -766,6 +734,48 @@ def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(
     assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
     assert made.flood is not None
     assert cable.now - ASKED_AT < ALLOWED_S + 1.5
+
+
+@pytest.mark.parametrize("is_proven", [True, False])
+@pytest.mark.parametrize(
+    ("wanted", "suction", "ordered"),
+    [
+        ("cooling", False, COOL),
+        ("cooling", True, COOL_AND_HOLD),
+        ("off", False, ALL_OFF),
+        ("off", True, (0, 0, 1, 0, 0)),
+    ],
+)
+def test_on_a_flooded_link_hot_air_ends_in_the_wanted_state_and_keeps_its_part(
+    wanted: str, suction: bool, ordered: StatusWord, is_proven: bool
+) -> None:
+    """The heater is off in both. Until the flood is recognized, the fallbacks of a silent station
+    may go out.
+    """
+    device = hot_air()
+    made = task(1, family="jtse", wanted=wanted, suction=suction, is_proven=is_proven)
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    told = told_words(device, 1)
+    assert told[-1] == ordered
+    if suction or not is_proven:
+        assert {*told} == {ordered}
+    assert made.tools[0].reached == SafetyResult.SENT
+
+
+def test_on_a_flooded_link_hot_air_does_not_get_what_it_refused_before() -> None:
+    device, made = hot_air(), task(1, family="jtse", wanted="cooling")
+    made.tools[0].pass_over(COOL, "cooling was refused with N 00005")
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    assert {*told_words(device, 1)} == {ALL_OFF}
+
+
+@pytest.mark.parametrize("wanted", ["stand", "extractor"])
+def test_on_a_flooded_link_soldering_stands_because_extract_would_have_to_be_seen(
+    wanted: str,
+) -> None:
+    device, made = station(), task(1, 2, wanted=wanted, is_proven=False)
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    assert {*written(device)} == {STAND}
 
 
 def test_a_stranger_that_was_found_before_the_flood_is_told_nothing() -> None:
