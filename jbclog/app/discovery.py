@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -22,7 +21,7 @@ from jbclog.config.line import (
     line_text,
     station_text,
 )
-from jbclog.config.schema import NAME_PATTERN
+from jbclog.config.schema import name_problem
 from jbclog.core.errors import PortBusy
 from jbclog.core.serial_line import LineFormat
 from jbclog.record.port_owner import run_that_holds
@@ -132,7 +131,7 @@ def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
     None if there is neither.
     """
     stations = described(reports)
-    name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
+    name = file.stem if name_problem(file.stem) is None else "line"
     text = line_text(
         name,
         stations,

@@ -22,7 +22,7 @@ from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.disk_space import FEW_FILES, lacks_inodes, mount_point, write_failure
 from jbclog.core.durable_files import write_whole
-from jbclog.core.memory import limit_bytes
+from jbclog.core.operating_system import limit_bytes
 from jbclog.guard.open_leases import LIST_STEP, about_list
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.record.port_owner import run_of, run_that_holds

@@ -6,8 +6,9 @@ import errno
 import os
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import wraps
 from importlib import import_module
 from typing import Any, Final
 
@@ -30,6 +31,15 @@ READING: Final = frozenset(
     }
 )
 """The commands that read records, and limit their memory."""
+RECORDING: Final = frozenset(
+    {
+        *("audit", "batch", "demo", "doctor", "init", "read", "recover", "replay", "run", "safe"),
+        *("scan", "sim", "verify", "write"),
+    }
+)
+"""The commands that talk to stations, serve virtual ones, or finish what a recorder left: their
+locks, signals and ports are those of POSIX systems.
+"""
 NO_MEMORY_TO_READ: Final = (
     b"error: memory was refused; `jbclog doctor` shows the limit of commands that read records\n"
 )
@@ -62,8 +72,27 @@ def _load(name: str) -> Any:
     word = name.replace("-", "_")
     module = import_module(f"jbclog.cli.{word}")
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-    alone.command(name, cls=getattr(module, "COMMAND_CLASS", Verb))(getattr(module, word))
+    verb = getattr(module, word)
+    if name in RECORDING:
+        verb = _where_posix(verb)
+    alone.command(name, cls=getattr(module, "COMMAND_CLASS", Verb))(verb)
     return get_command(alone)
+
+
+def _where_posix(verb: Callable[..., None]) -> Callable[..., None]:
+    """Return the command, which elsewhere says in one line that it needs a POSIX system."""
+    from jbclog.cli.output import reports_errors  # not imported by --help
+    from jbclog.core.operating_system import IS_POSIX, expect_posix
+
+    if IS_POSIX:
+        return verb
+
+    @reports_errors
+    @wraps(verb)
+    def refuse(**_: object) -> None:
+        expect_posix()
+
+    return refuse
 
 
 class Jbclog(Program):
@@ -111,7 +140,7 @@ def _limit_memory() -> bool:
     """Limit the memory of a command that reads records; return whether it is one."""
     if sys.argv[1:2] == [] or sys.argv[1] not in READING:
         return False
-    from jbclog.core.memory import limit_memory  # not imported by other commands
+    from jbclog.core.operating_system import limit_memory  # not imported by other commands
 
     limit_memory()
     return True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -226,9 +225,7 @@ def _example_port() -> str:
     from jbclog.transport.system_ports import usb_ports
 
     plugged = [port.name for port in usb_ports()]
-    if plugged:
-        return plugged[0]
-    return "COM3" if sys.platform == "win32" else "/dev/serial/by-id/..."
+    return plugged[0] if plugged else "/dev/serial/by-id/..."
 
 
 def _answer(question: str, read: Callable[[str], T], usual: str | None = None) -> T:
@@ -286,10 +283,11 @@ def _urls(text: str) -> list[str]:
 
 
 def _name(text: str) -> str:
-    from jbclog.config.schema import NAME_ALLOWED, NAME_PATTERN
+    from jbclog.config.schema import name_problem
 
-    if not re.fullmatch(NAME_PATTERN, text.strip()):
-        raise typer.BadParameter(f"must be {NAME_ALLOWED}")
+    problem = name_problem(text.strip())
+    if problem is not None:
+        raise typer.BadParameter(f"{text.strip()}: is not allowed; {problem}")
     return text.strip()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,6 +17,7 @@ from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
 from jbclog.core.clock import SystemClock
 from jbclog.core.goal import JOINTS, Goal
+from jbclog.core.operating_system import takes_text
 from jbclog.core.rows import EventRow, PortKey, Severity
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import units_text
@@ -359,7 +359,7 @@ class BackgroundObserver:
 
     def _forward(self) -> None:
         while (notify := self._waiting.get()) is not None:
-            while not _takes_text() and not self._is_closing:
+            while not takes_text(STDERR, LOOK_S) and not self._is_closing:
                 self._is_held = True
             self._is_held = False
             if self._is_closing:
@@ -368,10 +368,3 @@ class BackgroundObserver:
                 notify()
             except Exception:  # a lost terminal must not end the run
                 self._dropped += 1
-
-
-def _takes_text() -> bool:
-    """Return whether stderr accepts text within `LOOK_S`; a closed one does."""
-    watched = select.poll()
-    watched.register(STDERR, select.POLLOUT)
-    return bool(watched.poll(LOOK_S * 1000))

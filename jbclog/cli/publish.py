@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, expect_run, is_folder
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.operating_system import lower_priority
 from jbclog.core.outcome import Exit
 from jbclog.core.text import count_text
 
@@ -62,7 +62,7 @@ def publish(
         return
     from jbclog.app.publish import try_publish
 
-    os.nice(NICENESS)  # on a busy machine the recorder comes first
+    lower_priority(NICENESS)  # on a busy machine the recorder comes first
     refused = _print((try_publish(folder, tree) for folder in folders), tree, as_json=as_json)
     if refused:
         raise typer.Exit(Exit.RECORD)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -238,7 +237,6 @@ def _facts(result: Result) -> dict[str, object]:
 # -- units -----------------------------------------------------------------------------------------
 
 LONGEST_LIST: Final = 1_000_000  # bytes of a plain file
-KEYBOARD: Final = 0
 
 
 def listed(name: str | None) -> list[str]:
@@ -278,36 +276,13 @@ def source_of(name: str | None) -> LineSource | None:
 @contextmanager
 def without_echo(source: LineSource | None) -> Iterator[None]:
     """Switch the terminal's echo off: a barcode reader's input must not spoil the live table."""
-    if (
-        source is None
-        or source.name != "stdin"
-        or not source.is_typed
-        or not is_terminal()
-        or not _is_ours()
-    ):
+    if source is None or source.name != "stdin" or not source.is_typed or not is_terminal():
         yield
         return
-    import termios
+    from jbclog.transport.typed_lines import echo_off
 
-    before = termios.tcgetattr(KEYBOARD)
-    silent = [*before]
-    silent[3] &= ~termios.ECHO
-    termios.tcsetattr(KEYBOARD, termios.TCSADRAIN, silent)
-    try:
+    with echo_off():
         yield
-    finally:
-        with suppress(termios.error):
-            termios.tcsetattr(KEYBOARD, termios.TCSADRAIN, before)
-
-
-def _is_ours() -> bool:
-    """Return whether this program is in the foreground; the system stops a background one that
-    changes the terminal.
-    """
-    try:
-        return os.tcgetpgrp(KEYBOARD) == os.getpgrp()
-    except OSError:
-        return False
 
 
 # -- reasons of a verdict --------------------------------------------------------------------------

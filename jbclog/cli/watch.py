@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 import signal
 import socket
@@ -15,6 +14,7 @@ import typer
 from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.operating_system import lower_priority
 from jbclog.core.outcome import Exit
 from jbclog.transport.signals import Signals
 
@@ -60,7 +60,7 @@ def watch(
     """
     if not is_folder(path):
         raise UsageError(NO_FOLDER.format(path))
-    os.nice(NICENESS)  # on a busy machine the recorder comes first
+    lower_priority(NICENESS)  # on a busy machine the recorder comes first
     if web:
         _serve(path, address, port, token)
     else:

@@ -24,6 +24,7 @@ from jbclog.config.schema import (
     shared,
     shown,
     unknown,
+    without_case,
 )
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.toml import KeyPath, TomlText, parse, read_text, shortened
@@ -226,7 +227,8 @@ def _between(source: TomlText) -> Iterator[Problem]:
     for place, name in names:
         if isinstance(name, str):
             places.setdefault(name, place)
-    yield from shared(source, "job", "name", names, "is the name of two jobs")
+    compared = [(place, without_case(name)) for place, name in names]
+    yield from shared(source, "job", "name", compared, "is the name of two jobs")
     after = {str(table.get("name")): _after(table) for _, table in tables}
     for place, table in tables:
         for number, other in enumerate(_after(table)):

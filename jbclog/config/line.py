@@ -25,6 +25,7 @@ from jbclog.config.schema import (
     shared,
     shown,
     unknown,
+    without_case,
 )
 from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import Problem, Problems
@@ -309,7 +310,7 @@ def _within_family(
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
     """Yield names and ports used by two stations."""
     tables = list(source.rows("station"))
-    names = [(place, table.get("name")) for place, table in tables]
+    names = [(place, without_case(table.get("name"))) for place, table in tables]
     urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
     yield from shared(source, "station", "name", names, "is the name of two stations")
     yield from shared(source, "station", "url", urls, "is the port of two stations", ONE_EACH)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar, get_args
@@ -26,6 +27,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from jbclog.core.errors import Problem
 from jbclog.core.quantities import OFF, Off
+from jbclog.core.text import is_device_name
 from jbclog.core.toml import MAX_PROBLEMS, KeyPath, TomlText, hidden, too_large
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import CONDITIONS, is_condition
@@ -82,10 +84,32 @@ FromList = BeforeValidator(_as_tuple)
 """Converts a TOML list to a tuple."""
 
 NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}"
-Name = Annotated[str, Field(pattern=rf"^{NAME_PATTERN}\z")]
 NAME_ALLOWED = (
     "1 to 64 of the characters A-Z a-z 0-9 . _ -, the first of them a letter, a digit or _"
 )
+
+
+def name_problem(name: str) -> str | None:
+    """Return why a name is not allowed; None if it is. Names become names of files, which people
+    copy to other systems.
+    """
+    if not re.fullmatch(NAME_PATTERN, name):
+        return NAME_ALLOWED
+    if is_device_name(name):
+        return "Windows takes it for a device, so no file there can have it: give another name"
+    if name.endswith("."):
+        return "Windows drops a dot at the end of a name: give another name"
+    return None
+
+
+def _as_name(name: str) -> str:
+    problem = name_problem(name)
+    if problem is not None:
+        raise said(f"{shown(name)} is not allowed; {problem}")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_as_name)]
 
 
 def read_file(row: type[Row], source: TomlText) -> tuple[Row | None, list[Problem], list[KeyPath]]:
@@ -108,6 +132,13 @@ def read_table(
         details = error.errors(include_url=False, include_context=False)
         problems = [_problem(row, source, at, detail) for detail in details[: MAX_PROBLEMS + 1]]
         return None, problems, [detail["loc"] for detail in details]
+
+
+def without_case(name: object) -> object:
+    """Return a name to compare with others: those that differ in case only are one file on
+    Windows.
+    """
+    return name.casefold() if isinstance(name, str) else name
 
 
 def shared(

@@ -10,8 +10,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from typing import Final, Protocol
+
+from jbclog.core.operating_system import boot_clock
 
 UTC_FORMAT: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
 
@@ -38,17 +39,7 @@ def utc_ms(moment: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds")
 
 
-def _elapsed() -> Callable[[], float]:
-    """Return the boot-time clock if there is one: on Linux `time.monotonic` excludes suspension."""
-    try:
-        boot: int = time.CLOCK_BOOTTIME
-        time.clock_gettime(boot)
-    except (AttributeError, OSError):
-        return time.monotonic
-    return partial(time.clock_gettime, boot)
-
-
-elapsed: Callable[[], float] = _elapsed()
+elapsed: Callable[[], float] = boot_clock()
 """Monotonic seconds, including suspension where the system counts it."""
 
 

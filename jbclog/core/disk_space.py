@@ -5,11 +5,12 @@ says "no space" although `df` shows free space, and SQLite "unable to open datab
 from __future__ import annotations
 
 import errno
-import os
+import shutil
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import cause
+from jbclog.core.operating_system import inodes_left
 
 NO_INODES: Final = "no inodes left on the disk at {} (`df -i`); remove old files from it"
 FEW_FILES: Final = 16  # fewer than a run needs; some become free when a failed attempt is removed
@@ -35,14 +36,10 @@ def write_failure_below(error: BaseException, folder: Path) -> str:
 
 def lacks_inodes(folder: Path) -> bool:
     """Return True if the disk of `folder` has free space, and too few inodes for a run's files."""
-    try:
-        disk = os.statvfs(folder)
-    except OSError:
+    left = inodes_left(folder)
+    if left is None or left >= FEW_FILES:
         return False
-    # btrfs and others have no fixed number, and report 0
-    has_limit = disk.f_files > 0
-    is_free = disk.f_bavail * disk.f_frsize > ENOUGH_BYTES
-    return has_limit and is_free and disk.f_favail < FEW_FILES
+    return shutil.disk_usage(folder).free > ENOUGH_BYTES
 
 
 def mount_point(folder: Path) -> Path:

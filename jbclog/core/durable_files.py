@@ -4,7 +4,6 @@ chain.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -16,27 +15,16 @@ from typing import Final, Generic, Protocol, TypeVar
 
 from jbclog.core.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
 from jbclog.core.json_files import json_of
+from jbclog.core.operating_system import (
+    NO_LINK,
+    NO_WAIT,
+    PLAIN,
+    read_at,
+    sync_file,
+    sync_folder,
+    wait_for_lock,
+)
 from jbclog.core.text import count_text
-
-
-def sync_folder(folder: Path) -> None:
-    """Sync `folder`, so that creations, renames and removals in it survive a power cut. Raises
-    OSError.
-    """
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def sync_file(path: Path) -> None:
-    """Sync the contents of `path`. After an OSError, do not trust the file."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -238,7 +226,7 @@ def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str],
     `make` takes the line's number and the previous hash; the file is locked meanwhile.
     """
     with _locked(path) as descriptor:
-        before = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
+        before = read_at(descriptor, os.fstat(descriptor).st_size, 0)
         lines = lines_in(before)
         seq = (
             max((entry.seq for line in lines if (entry := parse(line)) is not None), default=0) + 1
@@ -296,11 +284,11 @@ def _end_of(descriptor: int, parse: Parse[L]) -> tuple[int, Line | None]:
 @contextmanager
 def _locked(path: Path) -> Iterator[int]:
     """Open the file, created if missing, and lock it for one writer. Never follows a link."""
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | PLAIN | NO_LINK | NO_WAIT
     descriptor = os.open(path, flags, 0o666)
     try:
         expect_opened(descriptor, Kind.LEDGER)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        wait_for_lock(descriptor)
         yield descriptor
     finally:
         os.close(descriptor)

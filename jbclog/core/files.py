@@ -18,6 +18,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from jbclog.core.operating_system import NO_LINK, NO_WAIT, PLAIN, read_at, set_blocking
+
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 
 
@@ -133,9 +135,9 @@ def open_regular(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
     Checks the file before and after opening, because it may be replaced in between.
     """
     expect_regular(path, kind, links=links)
-    flags = (
-        os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY | (0 if links else os.O_NOFOLLOW)
-    )
+    flags = os.O_RDONLY | PLAIN | NO_WAIT
+    if not links:
+        flags |= NO_LINK
     descriptor = os.open(path, flags)
     try:
         expect_opened(descriptor, kind)
@@ -154,11 +156,10 @@ def open_to_write(path: Path, kind: Kind, *, appends: bool = False, makes: bool 
         expect_regular(path, kind)
     how = os.O_WRONLY | os.O_APPEND if appends else os.O_RDWR
     how |= os.O_CREAT if makes else 0
-    flags = how | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
-    descriptor = os.open(path, flags, 0o644)
+    descriptor = os.open(path, how | PLAIN | NO_LINK | NO_WAIT, 0o644)
     try:
         expect_opened(descriptor, kind)
-        os.set_blocking(descriptor, True)  # a child may inherit it
+        set_blocking(descriptor, blocks=True)  # a child may inherit it
     except BaseException:
         os.close(descriptor)
         raise
@@ -172,7 +173,7 @@ def cut_blank_end(path: Path, kind: Kind) -> None:
     descriptor = open_to_write(path, kind, makes=False)
     try:
         size = os.fstat(descriptor).st_size
-        written = len(os.pread(descriptor, size, 0).rstrip(b"\n"))
+        written = len(read_at(descriptor, size, 0).rstrip(b"\n"))
         if not written:
             path.unlink()
         elif size > written + 1:

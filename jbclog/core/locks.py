@@ -6,18 +6,25 @@ Start with `try_lock` and `FolderLock`.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import time
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 
 from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, NotReadable, open_regular
 from jbclog.core.json_files import read_json
+from jbclog.core.operating_system import (
+    NO_LINK,
+    NO_WAIT,
+    PLAIN,
+    boot_id,
+    lock_exclusive,
+    lock_shared,
+    write_at,
+)
 
 
 def try_lock(path: Path) -> int | None:
@@ -27,11 +34,9 @@ def try_lock(path: Path) -> int | None:
     The caller removes the file and closes the descriptor. Raises OSError if the file cannot be
     opened.
     """
-    descriptor = os.open(
-        path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644
-    )
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | PLAIN | NO_LINK | NO_WAIT, 0o644)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_exclusive(descriptor)
         if os.path.samestat(os.fstat(descriptor), path.stat()):
             return descriptor
     except OSError:
@@ -50,7 +55,7 @@ def is_locked(path: Path) -> bool:
         return False
     with file:
         try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            lock_shared(file.fileno())
         except OSError:
             return True
     return False
@@ -61,7 +66,6 @@ def is_locked(path: Path) -> bool:
 # id, for messages, and `CommitStatus`: SQLite takes a damaged end of its log for one never written
 # and would silently lose acknowledged rows.
 NAME = "live.lock"
-BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 WIDTH = 200  # bytes; always overwritten as a whole, so a full disk does not matter
 
 
@@ -99,7 +103,7 @@ class FolderLock:
         while True:
             descriptor = _opened(folder / NAME)
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_exclusive(descriptor)
             except OSError:
                 os.close(descriptor)
                 if time.monotonic() >= end:
@@ -129,7 +133,7 @@ class FolderLock:
         """
         text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(status)})
         with contextlib.suppress(OSError):  # the commits report a failing disk
-            os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
+            write_at(self.descriptor, text.ljust(WIDTH).encode(), 0)
 
     @property
     def is_ours(self) -> bool:
@@ -160,20 +164,11 @@ class FolderLock:
 
 def _opened(path: Path) -> int:
     try:
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        return os.open(path, os.O_RDWR | os.O_CREAT | PLAIN | NO_LINK, 0o644)
     except OSError as error:
         raise RecordError(
             f"{path} cannot be opened: {write_failure(error, path)}; nothing was changed"
         ) from error
-
-
-@cache
-def boot_id() -> str:
-    """Return an id of this boot; "" if the system has none."""
-    try:
-        return BOOT_ID.read_text(encoding="ascii").strip()
-    except OSError:
-        return ""
 
 
 def holder_text(folder: Path) -> str:
@@ -185,13 +180,6 @@ def holder_text(folder: Path) -> str:
 def holder_pid(folder: Path) -> int:
     """Return the id of the process that last took the folder's lock; 0 if unknown."""
     return int(_status_field(folder, "pid"))
-
-
-def processes() -> list[int]:
-    """Return the ids of all processes of this computer; empty without /proc."""
-    with contextlib.suppress(OSError):
-        return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
-    return []
 
 
 def commit_status(folder: Path) -> CommitStatus:

@@ -42,7 +42,7 @@ class Status(StrEnum):
 CUT_SHORT: Final[Mapping[signal.Signals, Exit]] = {
     signal.SIGINT: Exit.INTERRUPTED,
     signal.SIGTERM: Exit.TERMINATED,
-    signal.SIGHUP: Exit.TERMINATED,
+    **{number: Exit.TERMINATED for number in signal.Signals if number.name == "SIGHUP"},
 }
 """Signals that end a run in good order."""
 

@@ -144,6 +144,30 @@ def together(text: str) -> str:
     return _UNITS.sub("\u00a0", text)
 
 
+# Names of files: what jbclog writes can be copied to any file system.
+
+_DEVICE: Final = re.compile(r"(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?=\.|$)", re.IGNORECASE)
+_NOT_IN_NAMES: Final = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
+
+
+def is_device_name(name: str) -> bool:
+    """Return whether Windows takes a name for that of a device, with or without an ending."""
+    return _DEVICE.match(name) is not None
+
+
+def file_name(name: str) -> str:
+    """Return a name as every file system allows it: an underscore for each sign that Windows does
+    not allow, and after the name of a device.
+    """
+    allowed = _NOT_IN_NAMES.sub("_", name)
+    if allowed.endswith((".", " ")):
+        allowed += "_"
+    device = _DEVICE.match(allowed)
+    if device is None:
+        return allowed
+    return f"{device[0]}_{allowed[device.end() :]}"
+
+
 # CSV for spreadsheets: RFC 4180, UTF-8 with byte order mark, no cell that is evaluated as a
 # formula.
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")

@@ -25,6 +25,7 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.locks import commit_status
+from jbclog.core.operating_system import lower_priority
 from jbclog.core.text import json_line
 from jbclog.live.growing_joints import GrowingJoints, count
 from jbclog.live.joint_numbers import LAST, Counted
@@ -54,7 +55,7 @@ STDIN: Final = 0
 
 def main(arguments: list[str]) -> int:
     """Run the process. `arguments`: the run's folder."""
-    os.nice(NICENESS)
+    lower_priority(NICENESS)
     pa.set_cpu_count(1)  # the recorder needs the cores
     pa.set_io_thread_count(1)
     warnings.simplefilter("ignore")  # about damage: missing data is not counted

@@ -21,11 +21,13 @@ from jbclog.core.children import kill
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
 from jbclog.core.json_files import builder, json_of
+from jbclog.core.operating_system import IS_POSIX, set_blocking
 from jbclog.core.rows import PortKey
 from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 
 KILL_S: Final = 0.5
 ENDED: Final = "the process that counts them ended"
+NOT_HERE: Final = "counting joints of a run in progress needs a POSIX system such as Linux"
 NOW: Final = b"now\n"
 LAST: Final = b"last\n"
 
@@ -82,6 +84,9 @@ class JointCounting:
         self.why: str | None = None
         self._rest = b""
         self._process: subprocess.Popen[bytes] | None = None
+        if not IS_POSIX:
+            self.why = NOT_HERE
+            return
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "jbclog.live.joint_counter", str(folder)],
@@ -92,7 +97,7 @@ class JointCounting:
                 bufsize=0,
             )
             assert self._process.stdout is not None
-            os.set_blocking(self._process.stdout.fileno(), False)
+            set_blocking(self._process.stdout.fileno(), blocks=False)
         except OSError as error:
             self.why = error.strerror or str(error)
 

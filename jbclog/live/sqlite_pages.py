@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
 from jbclog.core.files import Kind, open_regular
+from jbclog.core.operating_system import read_at
 
 T = TypeVar("T")
 
@@ -96,9 +97,9 @@ class DatabasePages:
         at = self._frames.get(number)
         if at is None:
             self._from_file.add(number)
-            data = os.pread(self._file.fileno(), self._size, (number - 1) * self._size)
+            data = read_at(self._file.fileno(), self._size, (number - 1) * self._size)
         else:
-            data = os.pread(self._log.fileno(), self._size, at) if self._log else b""
+            data = read_at(self._log.fileno(), self._size, at) if self._log else b""
         if len(data) != self._size:
             raise Malformed(f"page {number} is missing")
         return data
@@ -130,7 +131,7 @@ class DatabasePages:
         self._reserved = first[20]
 
     def _file_page_size(self) -> int:
-        size = int.from_bytes(os.pread(self._file.fileno(), 2, 16), "big")
+        size = int.from_bytes(read_at(self._file.fileno(), 2, 16), "big")
         return 65_536 if size == 1 else size
 
     # -- the log -----------------------------------------------------------------------------------
@@ -159,7 +160,7 @@ class DatabasePages:
         )
 
     def _log_header(self) -> bytes:
-        return os.pread(self._log.fileno(), LOG_HEADER.size, 0) if self._log else b""
+        return read_at(self._log.fileno(), LOG_HEADER.size, 0) if self._log else b""
 
     def _begin_log(self, header: bytes) -> None:
         """Start a new log without frames; an invalid header makes all its frames invalid."""
@@ -203,7 +204,7 @@ class DatabasePages:
         """Drop the waiting frames from the first one that another commit has replaced."""
         assert self._log is not None
         for place, one in enumerate(self._waiting):
-            if os.pread(self._log.fileno(), FRAME_HEADER.size, one.at) != one.head:
+            if read_at(self._log.fileno(), FRAME_HEADER.size, one.at) != one.head:
                 del self._waiting[place:]
                 return
 
@@ -217,7 +218,7 @@ class DatabasePages:
         at, sums = self._next, self._sums
         if self._waiting:
             at, sums = self._end_of(self._waiting[-1]), self._waiting[-1].sums
-        data = os.pread(self._log.fileno(), FRAME_HEADER.size + self._log_page_size, at)
+        data = read_at(self._log.fileno(), FRAME_HEADER.size + self._log_page_size, at)
         if len(data) < FRAME_HEADER.size + self._log_page_size:
             return None
         head = data[: FRAME_HEADER.size]

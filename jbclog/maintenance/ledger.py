@@ -28,12 +28,12 @@ from jbclog.core.durable_files import (
     first_faults,
     line_of,
     sha256,
-    sync_folder,
 )
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import Kind, each_line, open_regular
 from jbclog.core.json_files import expect_time
 from jbclog.core.locks import try_lock
+from jbclog.core.operating_system import sync_folder
 from jbclog.core.quantities import LARGEST
 from jbclog.maintenance.counter_totals.observed import (
     Count,

@@ -36,11 +36,11 @@ from jbclog.core.durable_files import (
     first_faults,
     line_of,
     sha256,
-    sync_folder,
 )
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import Kind, read_regular
 from jbclog.core.json_files import builder
+from jbclog.core.operating_system import sync_folder
 from jbclog.core.rows import TipCheck
 
 # -- station reading -------------------------------------------------------------------------------

@@ -46,6 +46,7 @@ from jbclog.core.files import (
     open_to_write,
 )
 from jbclog.core.json_files import builder, expect_moment, json_of
+from jbclog.core.operating_system import read_at
 from jbclog.record.capture_file import FIXED, Block, Gap, blocks, blocks_in, row_of
 
 FOLDER: Final = "wire"
@@ -261,7 +262,7 @@ def mend(path: Path) -> int:
 
 def _has_begun(file: BufferedReader) -> bool:
     """Whether the file begins like a block."""
-    return FIXED.startswith(os.pread(file.fileno(), len(FIXED), 0))
+    return FIXED.startswith(read_at(file.fileno(), len(FIXED), 0))
 
 
 def _cut(path: Path, size: int, looked_at: os.stat_result) -> None:

@@ -21,6 +21,7 @@ from jbclog.core.capture_rows import (
     ResultRow,
 )
 from jbclog.core.files import Kind, open_regular
+from jbclog.core.operating_system import read_at
 
 BYTES: Final = ("sent", "heard")
 PASSED: Final = get_args(LinkRowKind)
@@ -245,7 +246,7 @@ class _Bytes:
 
     def __getitem__(self, wanted: slice) -> bytes:
         start, stop, _ = wanted.indices(self._size)
-        return os.pread(self._descriptor, max(stop - start, 0), start)
+        return read_at(self._descriptor, max(stop - start, 0), start)
 
 
 def _labels(data: _Bytes) -> Iterator[_Label | None]:

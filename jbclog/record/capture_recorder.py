@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import threading
 import time
 import zlib
@@ -21,7 +22,7 @@ from typing import Final
 
 from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import sync_folder
+from jbclog.core.operating_system import PLAIN, sync_folder
 from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
 from jbclog.record.capture_file import has_head, line_of, packed
 
@@ -49,9 +50,7 @@ class Wire:
         self._blocks = self._lines = self._written = 0
         self._descriptor = -1
         try:
-            self._descriptor = os.open(
-                path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644
-            )
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | PLAIN, 0o644)
             self._put("")
         except OSError as error:
             self.give_up(write_failure(error, self._path))
@@ -173,10 +172,10 @@ class WireRecorder:
 
     def _check_free_space(self) -> None:
         try:
-            disk = os.statvfs(self._folder)
+            free = shutil.disk_usage(self._folder).free
         except OSError:
             return  # the record in the same folder reports it
-        if disk.f_bavail * disk.f_frsize < LEAST_FREE:
+        if free < LEAST_FREE:
             for wire in self._wires:
                 if wire.is_open:
                     wire.give_up(

@@ -18,11 +18,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.disk_space import write_failure_below
-from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, open_regular, read_regular
 from jbclog.core.json_files import json_of
 from jbclog.core.locks import FolderLock, commit_status
+from jbclog.core.operating_system import sync_folder
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text
@@ -158,7 +158,7 @@ def _is_confirmed(
 
 
 def _ordered_text(folder: Path) -> str:
-    """Say how often the guard ordered stations without an answer: ``; ucr-1 was ordered 3 times``."""
+    """Say how often the guard ordered stations without an answer: ``; ucr-1 was ordered once``."""
     orders: dict[str, int] = {}
     try:
         events = guard_actions.action_log(folder)

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import sync_folder, write_whole
+from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.files import NotReadable, entries_below
+from jbclog.core.operating_system import sync_folder
 from jbclog.core.rows import StationFacts
 from jbclog.core.toml import parse, read_text
 

@@ -26,6 +26,7 @@ import pyarrow.parquet as pq
 
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, NotReadable, open_regular
+from jbclog.core.operating_system import opened_again
 from jbclog.record.manifest import SealedFile
 
 MAGIC: Final = b"PAR1"
@@ -131,8 +132,7 @@ def open_part(
         raise RecordError(f"{path} is no readable part: {error}") from error
     with file:
         footer = _footer(path, file, seal)
-        # by descriptor: another file may have the name by now
-        part = PartFile(f"/dev/fd/{file.fileno()}", footer, str(path), coded)
+        part = PartFile(opened_again(file), footer, str(path), coded)
         try:
             yield part
         finally:

@@ -23,10 +23,11 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbclog.core.durable_files import sync_file, sync_folder, write_whole
+from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, is_plain_folder, read_regular
 from jbclog.core.json_files import builder, json_of
+from jbclog.core.operating_system import sync_file, sync_folder
 from jbclog.core.rows import TABLES
 from jbclog.core.text import count_text
 from jbclog.record.manifest import SealedFile

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import sqlite3
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing
@@ -18,7 +17,8 @@ from pathlib import Path
 
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import NAME as LOCK
-from jbclog.core.locks import holder_pid, is_held, processes
+from jbclog.core.locks import holder_pid, is_held
+from jbclog.core.operating_system import open_files, processes
 from jbclog.core.serial_line import PortAddress, port_address
 from jbclog.core.states import StationOutcome
 
@@ -83,11 +83,10 @@ def _folders_of(process: int) -> Iterator[Path]:
     """Yield the run folders whose locks a process has open. A start looks at all that processes
     have open, so only locks become paths.
     """
-    with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
-        for descriptor in descriptors:
+    for opened in open_files(process):
+        if opened.endswith(f"/{LOCK}"):
             with contextlib.suppress(OSError):
-                opened = os.readlink(descriptor.path)  # noqa: PTH115  # scandir gives no Path
-                if opened.endswith(f"/{LOCK}") and Path(opened).exists():
+                if Path(opened).exists():
                     yield Path(opened).parent
 
 

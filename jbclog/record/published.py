@@ -20,17 +20,19 @@ import os
 import re
 import secrets
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path, PosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from jbclog.core.durable_files import sha256, sync_file, sync_folder
+from jbclog.core.durable_files import sha256
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import MIB
+from jbclog.core.operating_system import sync_file, sync_folder
 from jbclog.core.text import clean, shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import annotations_in, late_in
@@ -42,11 +44,16 @@ from jbclog.record.manifest import read_manifest
 if TYPE_CHECKING:
     import pyarrow.fs as pf
 
+if sys.platform == "win32":
+    from pathlib import WindowsPath as SystemPath
+else:
+    from pathlib import PosixPath as SystemPath
+
 RUNS: Final = "runs"
 DERIVED: Final = ("joints.parquet", METRICS_CACHE, "report.json")
 """Files that are made after sealing, and may change."""
 S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` drops one of the two slashes
-URL: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:/")
+URL: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # `C:/` is a drive of Windows
 CREDENTIALS: Final = (
     "; credentials come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION,"
     " and AWS_ENDPOINT_URL for a server other than Amazon's"
@@ -59,11 +66,13 @@ LEFT_S: Final = 86_400.0  # no publisher writes a file for so long
 MOST_SAID: Final = 400  # characters of an error's text
 
 
-class TreePath(PosixPath):
+class TreePath(SystemPath):
     """A path in a tree. Its text has both slashes of ``s3://``, of which a path drops one."""
 
     def __str__(self) -> str:
-        return re.sub(r"^s3a?:/+", "s3://", super().__str__())
+        text = super().__str__()
+        remote = S3.fullmatch(text.replace(os.sep, "/"))
+        return text if remote is None else f"s3://{remote[1]}"
 
     def absolute(self) -> TreePath:
         """Return the path itself: the path of a tree is absolute."""
@@ -175,7 +184,7 @@ def _files(url: str, endpoint: str | None) -> pf.FileSystem:
     import pyarrow.fs as pf
 
     if not url.startswith("s3://"):
-        return pf.SubTreeFileSystem(url, pf.LocalFileSystem())
+        return pf.SubTreeFileSystem(Path(url).as_posix(), pf.LocalFileSystem())
     s3 = pf.S3FileSystem(
         endpoint_override=endpoint,
         connect_timeout=CONNECT_S,

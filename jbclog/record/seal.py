@@ -12,7 +12,6 @@ RUN``.
 from __future__ import annotations
 
 import argparse
-import os
 import sqlite3
 import sys
 from collections.abc import Iterator
@@ -25,6 +24,7 @@ import pyarrow as pa
 from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
+from jbclog.core.operating_system import lower_priority
 from jbclog.core.rows import TABLES
 from jbclog.record import parts
 from jbclog.record.parts import remove_leavings, through, write_part
@@ -94,7 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--lock", type=int, help="the folder's lock, inherited from the recorder")
     given = parser.parse_args(arguments)
-    os.nice(NICENESS)
+    lower_priority(NICENESS)
     pa.set_cpu_count(1)  # the recorder needs the other cores
     pa.set_memory_pool(pa.system_memory_pool())  # returns freed memory to the system
     try:

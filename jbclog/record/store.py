@@ -21,8 +21,8 @@ from typing import Final
 
 from jbclog.core.database import Database, NotAStore, open_database
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError
+from jbclog.core.operating_system import sync_file, sync_folder
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.record.batches import MOST_PACKED, Batch
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.locks import processes
+from jbclog.core.operating_system import processes
 
 BY_ID: Final = Path("/dev/serial/by-id")
 TIMERS: Final = Path("/sys/bus/usb-serial/devices")

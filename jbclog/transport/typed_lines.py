@@ -12,13 +12,14 @@ import select
 import stat
 import unicodedata
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.encodings import not_utf8
 from jbclog.core.errors import UsageError
+from jbclog.core.operating_system import NO_WAIT, PLAIN
 
 STDIN: Final = 0
 OWN_STDIN: Final = Path("/proc/self/fd/0")
@@ -30,7 +31,7 @@ HIDDEN: Final = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")
 # around a serial: blanks, and the byte order mark with which a file begins, also one that follows
 # another file in the same stream (`cat morning.txt evening.txt`)
 EDGES: Final = " \t\ufeff"
-FLAGS: Final = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+FLAGS: Final = NO_WAIT | PLAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +138,34 @@ def _stdin() -> int:
     with suppress(OSError):
         return os.open(OWN_STDIN, os.O_RDONLY | FLAGS)
     return STDIN
+
+
+@contextmanager
+def echo_off() -> Iterator[None]:
+    """Switch off the echo of the terminal on stdin, unless this program is in the background: the
+    system stops a background program that changes the terminal.
+    """
+    import termios
+
+    if not _is_in_foreground():
+        yield
+        return
+    before = termios.tcgetattr(STDIN)
+    silent = [*before]
+    silent[3] &= ~termios.ECHO
+    termios.tcsetattr(STDIN, termios.TCSADRAIN, silent)
+    try:
+        yield
+    finally:
+        with suppress(termios.error):
+            termios.tcsetattr(STDIN, termios.TCSADRAIN, before)
+
+
+def _is_in_foreground() -> bool:
+    try:
+        return os.tcgetpgrp(STDIN) == os.getpgrp()
+    except OSError:
+        return False
 
 
 def is_plain_file(name: str) -> bool:

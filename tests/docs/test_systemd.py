@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -100,9 +99,7 @@ def test_serial_ports_and_its_own_folder_are_left_to_it() -> None:
 PROFILES = UNIT.parents[1]
 PAGE = ROOT / "docs" / "how-to" / "systemd.md"
 CRON = PROFILES / "cron" / "jbclog-audit"
-TASK = PROFILES / "windows" / "jbclog-audit.xml"
 TASKS = PROFILES / "tasks" / "bench.toml"
-SPACE = "{http://schemas.microsoft.com/windows/2004/02/mit/task}"
 
 
 def cron_words() -> list[str]:
@@ -111,29 +108,17 @@ def cron_words() -> list[str]:
     return line.split(" ")
 
 
-def task_text(name: str) -> str:
-    # our own file
-    (found,) = ElementTree.fromstring(TASK.read_text(encoding="utf-8")).iter(SPACE + name)
-    return found.text or ""
-
-
 def test_each_audit_command_exists() -> None:
     assert wrong(command("ExecStart", AUDIT)[1:]) is None
     assert wrong(cron_words()[7:]) is None
-    assert wrong(task_text("Arguments").replace("\\", "/").split()) is None
 
 
 def test_each_audit_names_a_tasks_file_beside_the_line_file() -> None:
     """And the page has the command that puts the shipped one there."""
-    for words in (
-        command("ExecStart", AUDIT),
-        cron_words(),
-        task_text("Arguments").replace("\\", "/").split(),
-    ):
+    for words in (command("ExecStart", AUDIT), cron_words()):
         line, tasks = (Path(words[words.index(option) + 1]) for option in ("--line", "--tasks"))
         assert (tasks.parent, tasks.name) == (line.parent, "tasks.toml")
-        if tasks.is_absolute():  # that of Windows is not, here
-            assert f"cp {TASKS.relative_to(ROOT)} {tasks}\n" in PAGE.read_text(encoding="utf-8")
+        assert f"cp {TASKS.relative_to(ROOT)} {tasks}\n" in PAGE.read_text(encoding="utf-8")
 
 
 def test_every_schedule_is_daily_at_an_hour_that_every_day_has_once() -> None:
@@ -141,7 +126,6 @@ def test_every_schedule_is_daily_at_an_hour_that_every_day_has_once() -> None:
     assert days == ["*", "*", "*"]
     assert 4 <= int(hour) <= 22
     assert unit(TIMER)["Timer"]["OnCalendar"] == f"*-*-* {int(hour):02}:{minute}:00"
-    assert task_text("StartBoundary").endswith(f"T{int(hour):02}:{minute}:00")
 
 
 def test_cron_cuts_no_command_at_a_percent_sign() -> None:

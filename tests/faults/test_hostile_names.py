@@ -36,6 +36,7 @@ from support.campaigns.awaited import INTERNAL_ERROR
 from support.campaigns.each_row import each_row
 from support.faults.hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
 from support.invoked import invoked
+from support.readers.other_desk import forbidden_name
 from support.records.small_run import make_run
 from support.virtual import recorded_run
 from support.virtual.recorded_run import RecordedRun
@@ -100,11 +101,16 @@ def told(read: Callable[[str, Path], object], text: str) -> str | None:
     return None
 
 
+def is_name(text: str) -> bool:
+    """Whether a text may be a name: it has the allowed characters only, and is a file's on NTFS."""
+    return bool(ALLOWED_NAME.fullmatch(text)) and forbidden_name(Path(text)) is None
+
+
 @every_text_in("line", "station")
 def test_names_in_a_line_file(place: str, text: str) -> None:
     names = {"line": "bench", "station": "dde-1", "url": "/dev/x"} | {place: text}
     wrong = told(parse_line, LINE.format(**{name: quoted(value) for name, value in names.items()}))
-    assert (wrong is None) == bool(ALLOWED_NAME.fullmatch(text))
+    assert (wrong is None) == is_name(text)
     assert steers(wrong or "") == []
 
 
@@ -119,7 +125,7 @@ def test_names_in_a_recipe(place: str, text: str) -> None:
     wrong = told(parse_recipe, recipe)
     assert steers(wrong or "") == []
     if place != "required":
-        assert (wrong is None) == (place == "name" and bool(ALLOWED_NAME.fullmatch(text)))
+        assert (wrong is None) == (place == "name" and is_name(text))
 
 
 @every_text

@@ -9,11 +9,13 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import jbclog
+from support.readers.other_desk import FOLDERS, PARTIAL, lacking
 from support.readers.repository import parsed
 from support.readers.texts import ROOT
 
@@ -43,6 +45,8 @@ FORBIDDEN = {
     "app.added": ("from jbclog.report import write", "jbclog.app.added -> jbclog.report.write"),
     "maintenance.added": ("import jinja2", "jbclog.maintenance.added -> jinja2"),
     "guard.added_too": ("import tomllib", "jbclog.guard.added_too -> tomllib"),
+    "record.added_too": ("import fcntl", "jbclog.record.added_too -> fcntl"),
+    "core.added": ("def f():\n    import resource", "jbclog.core.added -> resource"),
     "report.added": ("from jbclog import spc", "jbclog.report.added -> jbclog.spc"),
 }
 UNKNOWN = "cellar"  # a package that has no layer
@@ -88,6 +92,59 @@ def test_every_file_begins_with_what_it_is() -> None:
     assert [
         path.name for path in PACKAGE.rglob("*.py") if not ast.get_docstring(parsed(path))
     ] == []
+
+
+USES_POSIX = (
+    "core/operating_system.py",
+    *("transport/", "guard/", "sim/"),
+    *("app/run/", "app/batch/", "app/safe_state.py"),
+)
+"""What may use names that Windows lacks, and folders that Linux alone has."""
+
+
+def of_posix(tree: ast.Module) -> Iterator[str]:
+    """What a module uses of POSIX: ``os.pread``, ``/proc``."""
+    texts = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = node.value.id
+            if module in PARTIAL and node.attr in lacking(module):
+                yield f"{module}.{node.attr}"
+        elif isinstance(node, ast.ImportFrom) and node.module in PARTIAL:
+            names = [name.name for name in node.names if name.name in lacking(node.module)]
+            yield from (f"{node.module}.{name}" for name in names)
+        elif isinstance(node, ast.Constant) and id(node) not in texts:
+            yield from [str(node.value)] if str(node.value).startswith(FOLDERS) else []
+
+
+def test_only_what_records_uses_names_of_posix() -> None:
+    users = {
+        path.relative_to(PACKAGE).as_posix(): [*of_posix(parsed(path))]
+        for path in PACKAGE.rglob("*.py")
+    }
+    others = {file: used for file, used in users.items() if not file.startswith(USES_POSIX)}
+    assert {file: used for file, used in others.items() if used} == {}
+    assert {"os.pread", "os.nice", "select.poll"} <= {*users["core/operating_system.py"]}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "os.fdatasync(3)",
+        "def f():\n    return signal.SIGHUP",
+        "from os import pread",
+        "time.CLOCK_BOOTTIME",
+        "open('/proc/self/status')",
+        "open(f'/dev/fd/{3}')",
+    ],
+)
+def test_a_name_of_posix_is_found(text: str) -> None:
+    assert len([*of_posix(ast.parse(text))]) == 1
+
+
+@pytest.mark.parametrize("text", ["os.fsync(3)", "signal.SIGINT", "'/proc: a docstring'"])
+def test_a_name_of_every_system_is_fine(text: str) -> None:
+    assert [*of_posix(ast.parse(text))] == []
 
 
 def loaded_by(statement: str, *names: str) -> set[str]:

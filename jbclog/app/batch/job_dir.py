@@ -9,7 +9,6 @@ started twice, and anyone can see that it is running.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import time
@@ -22,6 +21,7 @@ from jbclog.app.batch.store import ADD_EVENT, BatchStore
 from jbclog.core.files import Kind, open_to_write, read_regular
 from jbclog.core.json_files import builder, json_of
 from jbclog.core.locks import is_locked
+from jbclog.core.operating_system import lock_exclusive, write_at
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource
 
@@ -99,7 +99,7 @@ class JobDir:
         self._set(spec=spec)
         descriptor = open_to_write(self.folder / LOCK, Kind.LOCK)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_exclusive(descriptor)
         except OSError:
             os.close(descriptor)
             raise
@@ -131,7 +131,7 @@ class JobDir:
     @staticmethod
     def sign(descriptor: int) -> None:
         """Write the process id into the lock."""
-        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+        write_at(descriptor, str(os.getpid()).encode(), 0)
 
     def set_run(self, run: Path) -> None:
         """Write the folder of its run, before any station is touched. Raises `OSError`."""

@@ -26,11 +26,12 @@ from jbclog.core.durable_files import (
     fields_of,
     line_of,
     sha256,
-    sync_folder,
     write_whole,
 )
 from jbclog.core.errors import RecordError
 from jbclog.core.json_files import builder
+from jbclog.core.operating_system import sync_folder
+from jbclog.core.text import file_name
 
 _build_entry: Final = builder(Entry)
 
@@ -47,7 +48,7 @@ NO_MORE: Final = (
 
 def home_of(out: Path, jobs_file: Path) -> Path:
     """Return the folder of a jobs file's batches below the folder of runs."""
-    return out / f"{jobs_file.stem}{SUFFIX}"
+    return out / file_name(f"{jobs_file.stem}{SUFFIX}")
 
 
 def iso(utc_s: float) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -12,10 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import Kind, open_regular, open_to_write
 from jbclog.core.json_files import read_json
+from jbclog.core.operating_system import lock_exclusive, sync_folder, write_at
 
 LOCK: Final = "lock"
 WIDTH: Final = 200
@@ -49,11 +48,8 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
                     f"{jobs_file}: another batch of this file runs with another --out; nothing was"
                     " started"
                 )
-            os.pwrite(
-                descriptor,
-                json.dumps({"pid": os.getpid(), "since": since}).ljust(WIDTH).encode(),
-                0,
-            )
+            text = json.dumps({"pid": os.getpid(), "since": since})
+            write_at(descriptor, text.ljust(WIDTH).encode(), 0)
             yield
     finally:
         os.close(descriptor)
@@ -62,7 +58,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
 def _lock(descriptor: int) -> bool:
     """Lock the file; False if another process holds it, True on a file system without locks."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_exclusive(descriptor)
     except OSError as error:
         return error.errno not in TAKEN
     return True

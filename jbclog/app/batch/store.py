@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from jbclog.core.database import Database, open_database
-from jbclog.core.durable_files import sync_folder
 from jbclog.core.files import Kind, expect_regular
+from jbclog.core.operating_system import sync_folder
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.operating_system import sync_file, sync_folder
 
 OURS: Final = (".csv", ".dfq", ".json")  # files that a folder replaced by `force` may hold
 

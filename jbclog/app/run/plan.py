@@ -24,6 +24,7 @@ from jbclog.config.recipe_settings import (
     station_settings_for,
 )
 from jbclog.core.errors import Problem, Problems, UsageError, problems_of
+from jbclog.core.text import file_name
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.omega import ConditionRecord
 from jbclog.protocol.commands.ranges import inferred_note, unit_note
@@ -314,13 +315,20 @@ def station_plan(spec: StationSpec, recipe: Recipe, wanted: RunOptions) -> Stati
 
 
 def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
-    """Give each recipe its own file name in the run's folder; names in two folders may be equal."""
+    """Give each recipe its own file name in the run's folder, which every file system allows; names
+    in two folders may be equal, and on Windows those that differ in case only.
+    """
     names: dict[Path, str] = {}
+    taken: set[str] = set()
     for station in stations:
-        path, name, number = station.recipe.path, station.recipe.path.name, 2
-        while path not in names and name in names.values():
-            name, number = f"{path.stem}-{number}{path.suffix}", number + 1
-        names.setdefault(path, name)
+        path = station.recipe.path
+        if path in names:
+            continue
+        name, number = file_name(path.name), 2
+        while name.casefold() in taken:
+            name, number = file_name(f"{path.stem}-{number}{path.suffix}"), number + 1
+        names[path] = name
+        taken.add(name.casefold())
     return tuple(replace(one, recipe_file=names[one.recipe.path]) for one in stations)
 
 

@@ -73,7 +73,7 @@ def test_a_wrong_answer_is_asked_for_again(tmp_path: Path) -> None:
         "must be scan or hand",
         "did you mean dde?",
         'the kind of port "sockets" is unknown',
-        "must be 1 to 64 of the characters",
+        "is not allowed; 1 to 64 of the characters",
         "must be whole °C, 90 to 450 in steps of 5",
     ):
         assert text in done.stderr
@@ -220,7 +220,7 @@ def test_options_answer_every_question(tmp_path: Path) -> None:
         (["--station", "ddde=x"], "--station ddde: unknown; did you mean dde?"),
         (["--station", "dde"], "--station dde: must be FAMILY=PORT"),
         (["--station", "dde=sockets://x"], 'the kind of port "sockets" is unknown'),
-        (["--station", "dde=x", "--recipe", "a b"], "--recipe a b: must be 1 to 64"),
+        (["--station", "dde=x", "--recipe", "a b"], "--recipe a b: is not allowed; 1 to 64"),
         (
             ["--station", "dde=x", "--recipe", "a", "--tip-c", "351"],
             "--tip-c 351: must be whole °C, 90 to 450 in steps of 5",

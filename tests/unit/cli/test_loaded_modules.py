@@ -63,6 +63,7 @@ PLAN = {
     *("cli.output", "cli.streams", "config", "config.line", "config.load_recipe", "config.recipe"),
     *("config.recipe_sections", "config.recipe_settings", "config.schema", "config.sim_spec"),
     *("core", "core.children", "core.disk_space", "core.encodings", "core.errors", "core.files"),
+    "core.operating_system",
     *(
         "core.toml",
         "core.toml_advice",

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import NAME, CommitStatus, FolderLock, boot_id, commit_status, is_held
+from jbclog.core.locks import NAME, CommitStatus, FolderLock, commit_status, is_held
+from jbclog.core.operating_system import boot_id
 
 
 def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:

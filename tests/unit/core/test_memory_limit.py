@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from jbclog.core import memory
-from jbclog.core.memory import LEAST_BYTES, limit_bytes
+from jbclog.core import operating_system
+from jbclog.core.operating_system import LEAST_BYTES, limit_bytes
 
 SHOW = """
 import resource, sys
@@ -73,11 +73,13 @@ def test_the_limit_is_the_memory_at_least_4_gib_and_never_above_one_that_is_set(
     pages: int, soft: int, limit: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     known = {"SC_PHYS_PAGES": pages, "SC_PAGE_SIZE": 4096}
-    monkeypatch.setattr(memory.os, "sysconf", known.__getitem__)
-    monkeypatch.setattr(memory.resource, "getrlimit", lambda _: (soft, resource.RLIM_INFINITY))
+    monkeypatch.setattr(operating_system.os, "sysconf", known.__getitem__)
+    monkeypatch.setattr(
+        operating_system.resource, "getrlimit", lambda _: (soft, resource.RLIM_INFINITY)
+    )
     assert limit_bytes() == limit
 
 
 def test_a_system_without_the_limit_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(memory.resource, "RLIMIT_AS")
+    monkeypatch.delattr(operating_system.resource, "RLIMIT_AS")
     assert limit_bytes() is None
