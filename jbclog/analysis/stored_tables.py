@@ -266,12 +266,12 @@ def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None
         return None
     if not table.schema.equals(METRICS_SCHEMA) or not _is_complete(table):
         return None
-    rows = _rows_of(table)
-    return (
-        rows
-        if _made_from(manifest_sha256, rows).items() <= (table.schema.metadata or {}).items()
-        else None
-    )
+    try:
+        rows = _rows_of(table)
+    except UnicodeDecodeError:
+        return None
+    made_from = _made_from(manifest_sha256, rows)
+    return rows if made_from.items() <= (table.schema.metadata or {}).items() else None
 
 
 def _is_complete(table: pa.Table) -> bool:

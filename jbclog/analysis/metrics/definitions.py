@@ -27,7 +27,7 @@ class Definition:
     of: tuple[str, ...] = ("tip", "air")
 
 
-METHODS: Final = 3
+METHODS: Final = 4
 """Version of the metrics. Raise it when a metric is added or removed, and when a record gives
 another figure or reason; caches of older versions are then ignored.
 """

@@ -256,9 +256,9 @@ def test_nobody_waits_for_it_except_where_it_would_end_too(
 FIGURES = {
     "0.1.0": "1b2c88d7e4041adb",
     "after-0.1.0": "1b2c88d7e4041adb",
-    "small": "c8f1428f10189e98",
+    "small": "d79a4049fb635208",
 }
-"""Methods 3. Whoever changes these raises `METHODS` and writes down the new ones."""
+"""Methods 4. Whoever changes these raises `METHODS` and writes down the new ones."""
 
 
 def test_other_figures_are_other_methods(made: tuple[Path, list[MetricRow]]) -> None:
@@ -266,7 +266,7 @@ def test_other_figures_are_other_methods(made: tuple[Path, list[MetricRow]]) -> 
     for release in ("0.1.0", "after-0.1.0"):
         (sealed,) = (release_corpus.HOME / release / "sealed").iterdir()
         found[release] = computed_metrics(open_run(sealed))
-    assert METHODS == 3
+    assert METHODS == 4
     assert {name: digest(rows) for name, rows in found.items()} == FIGURES
 
 
