@@ -35,7 +35,8 @@ def main() -> int:
     trouble = [text for *_, ours in made for text in ours.trouble]
     return judge(
         [
-            at_most("CPU per exchange, of PyMeasure's, median", median(ratios), 0.7),
+            # 0.7 until each answer waited for a second one that contradicts it (F-50)
+            at_most("CPU per exchange, of PyMeasure's, median", median(ratios), 0.9),
             Claim("the runs are fine", not trouble, "; ".join(trouble) or "yes"),
         ]
     )
