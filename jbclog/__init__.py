@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jbclog.analysis.opening import open_run
+    from jbclog.analysis.port_data import PortData
     from jbclog.analysis.run import Run
     from jbclog.analysis.runs import Runs, open_runs
     from jbclog.core.errors import JbclogError, LinkError, RecordError, UsageError
@@ -19,6 +20,7 @@ __version__ = "0.1.0"
 _MODULES = {
     "JbclogError": "jbclog.core.errors",
     "LinkError": "jbclog.core.errors",
+    "PortData": "jbclog.analysis.port_data",
     "RecordError": "jbclog.core.errors",
     "Run": "jbclog.analysis.run",
     "Runs": "jbclog.analysis.runs",
@@ -31,6 +33,7 @@ _MODULES = {
 __all__ = [
     "JbclogError",
     "LinkError",
+    "PortData",
     "RecordError",
     "Run",
     "Runs",

@@ -41,7 +41,7 @@ sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # hundreds of runs, each with a process of pandas after it; tests of that switch it on
-os.environ["JBCLOG_NO_METRICS"] = "1"
+os.environ["JBCLOG_NO_DERIVED"] = "1"
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-cache-")
 # leases that tests leave open are not the user's
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")
@@ -103,6 +103,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--row",
         metavar="TEXT",
         help="of a test over all rows of a table, only the rows with TEXT in their name",
+    )
+    parser.addoption(
+        "--accept",
+        action="store_true",
+        help="write tests/transcripts and tests/data/verdicts anew; the diff is what changed",
     )
 
 
@@ -211,7 +216,7 @@ NOT_FAST = {
         "test_terminal.py",
         "test_cpu_limit.py",
     ),
-    "test_metrics_cache.py",
+    "app/run/test_derive.py",
     "test_book.py",
     *("transport/test_reactor.py", "test_budget.py", "test_server.py", "test_connections.py"),
     *("test_progress.py", "batch/test_journal.py"),

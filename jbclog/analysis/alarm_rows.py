@@ -1,12 +1,10 @@
-"""Input of the alarm detectors from a run's tables: the samples in one pass, and the alarm events
-of each port.
-"""
+"""Input of the alarm detectors from a run's tables: the samples and alarm events of each port."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple, cast
+from typing import Final, cast
 
 import numpy as np
 import pandas as pd
@@ -18,10 +16,8 @@ from jbclog.analysis.alarms.from_record import FlagRead, Rows
 from jbclog.analysis.alarms.live import change_of
 from jbclog.analysis.alarms.port_watch import BEFORE_ALL, WORKING, Change
 from jbclog.analysis.alarms.state_machine import WATCHED
-from jbclog.analysis.coded_texts import is_one_of
-from jbclog.analysis.port_split import by_port
+from jbclog.analysis.clock_steps import Step, Unstepped
 from jbclog.analysis.run_tables import RunTables
-from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.core.rows import EventRow, PortKey, severity_of
 from jbclog.record.clock_steps import KIND as STEP
 from jbclog.record.clock_steps import is_inside
@@ -29,11 +25,9 @@ from jbclog.record.clock_steps import is_inside
 COLUMNS: Final = [
     "time",
     "tick",
-    "station",
-    "port",
     "temperature_c",
     "status",
-    "set_c",
+    "setpoint_c",
 ]
 FLAGS: Final = ["alarm_high", "alarm_low"]  # read if flags of any port are needed
 
@@ -77,7 +71,7 @@ def _event_rows(frame: pd.DataFrame) -> Iterator[EventRow]:
     times, earliest = _micros(rows["time"]), _micros(rows["earliest"])
     columns = (
         rows[name]
-        for name in ("kind", "severity", "text", "station", "port", "value", "limit", "raw")
+        for name in ("kind", "severity", "text", "station", "port", "value", "limit_value", "raw")
     )
     for time, early, kind, severity, text, station, port, value, limit, raw in zip(
         times, earliest, *columns, strict=True
@@ -91,7 +85,7 @@ def _event_rows(frame: pd.DataFrame) -> Iterator[EventRow]:
             None if pd.isna(port) else int(port),
             early,
             value=None if pd.isna(value) else float(value),
-            limit=None if pd.isna(limit) else float(limit),
+            limit_value=None if pd.isna(limit) else float(limit),
             raw=_text_or_none(raw),
         )
 
@@ -126,86 +120,66 @@ def _micros(times: pd.Series) -> list[int | None]:
     ]
 
 
-class PortRows(NamedTuple):
-    """Rows of one port in a piece of the samples; `flags` only if requested."""
+class PortRows:
+    """Turns the samples of a port, in order, into the rows of the detectors, and finds the clock
+    steps between them.
 
-    place: PortKey
-    rows: Rows
-    flags: list[FlagRead]
-
-
-class PortSplitter:
-    """Splits the samples by station and port, piece by piece in order, and finds the clock steps
-    between the rows.
-
-    `flags_of`: ports whose flags are needed. `t0_utc`: start of the run, s since 1970. `periods`:
-    seconds between ticks of each station, None without a grid; they show which steps came before a
-    port's first row.
+    `t0_utc`: start of the run, s since 1970. `period_s`: seconds between ticks, None without a
+    grid; it shows which steps came before the port's first row.
     """
 
-    def __init__(
-        self,
-        steps: Sequence[Step],
-        flags_of: frozenset[PortKey],
-        t0_utc: float | None,
-        periods: Mapping[str, float | None],
-    ) -> None:
+    def __init__(self, steps: Sequence[Step], t0_utc: float | None, period_s: float | None) -> None:
         self._steps = steps
         self._t0_utc = t0_utc
-        self._periods = periods
-        self._flags_of = flags_of
-        self._unstepped: dict[PortKey, Unstepped] = {}
-        self._stepped_us: dict[PortKey, int] = {}
-        self._before_us: dict[PortKey, int] = {}
+        self._period_s = period_s
+        self._unstepped: Unstepped | None = None
+        self._before_us = 0
+        self._stepped_us = 0
 
-    def split(self, piece: pa.Table) -> Iterator[PortRows]:
-        """Yield the rows of each port that has any in this piece."""
-        for place, own in by_port(piece):
-            yield PortRows(
-                place, self._rows(place, own), _flags(own) if place in self._flags_of else []
-            )
-
-    def _rows(self, place: PortKey, own: pa.Table) -> Rows:
-        times, status = own["time"].cast(pa.int64()).to_numpy(), own["status"]
-        steps = self._steps_between(place, times, own["tick"][0].as_py()) if self._steps else {}
-        read = pc.and_(pc.is_valid(status), pc.is_valid(own["temperature_c"]))
+    def of(self, samples: pa.Table) -> Rows:
+        """Return the next rows."""
+        times_us = samples["time"].cast(pa.int64()).to_numpy()
+        status = samples["status"]
+        steps: dict[int, int] = {}
+        if self._steps:
+            steps = self._steps_between(times_us, samples["tick"][0].as_py())
+        is_read = pc.and_(pc.is_valid(status), pc.is_valid(samples["temperature_c"]))
         return Rows(
-            times,
-            own["tick"].to_numpy(),
-            pc.fill_null(own["temperature_c"], 0).to_numpy(),
-            read.to_numpy(),
-            is_one_of(status, WORKING),
-            own["set_c"].cast(pa.float64()).to_numpy(),
+            times_us,
+            samples["tick"].to_numpy(),
+            pc.fill_null(samples["temperature_c"], 0).to_numpy(),
+            is_read.to_numpy(),
+            pc.is_in(status, pa.array(WORKING)).to_numpy(),
+            samples["setpoint_c"].cast(pa.float64()).to_numpy(),
             steps,
         )
 
-    def _steps_between(self, place: PortKey, times: NDArray[np.int64], tick: int) -> dict[int, int]:
+    def _steps_between(self, times_us: NDArray[np.int64], tick: int) -> dict[int, int]:
         """Return row -> size in µs of the clock step just before it."""
-        seconds = times.astype(np.float64) / 1e6
-        if place not in self._unstepped:
-            number = self._steps_before(place[0], float(seconds[0]), tick)
-            self._unstepped[place] = Unstepped(self._steps[number:])
-            self._before_us[place] = round(sum(step.size_s for step in self._steps[:number]) * 1e6)
-        stepped = (
-            np.rint((seconds - self._unstepped[place].of(seconds)) * 1e6).astype(np.int64)
-            + self._before_us[place]
-        )
-        sizes = np.diff(stepped, prepend=self._stepped_us.get(place, 0))
-        self._stepped_us[place] = int(stepped[-1])
+        seconds = times_us.astype(np.float64) / 1e6
+        if self._unstepped is None:
+            number = self._steps_before(float(seconds[0]), tick)
+            self._unstepped = Unstepped(self._steps[number:])
+            self._before_us = round(sum(step.size_s for step in self._steps[:number]) * 1e6)
+        stepped_us = np.rint((seconds - self._unstepped.of(seconds)) * 1e6).astype(np.int64)
+        stepped_us = stepped_us + self._before_us
+        sizes = np.diff(stepped_us, prepend=self._stepped_us)
+        self._stepped_us = int(stepped_us[-1])
         return {int(row): int(sizes[row]) for row in np.flatnonzero(np.abs(sizes) > 1000)}
 
-    def _steps_before(self, station: str, first_s: float, tick: int) -> int:
+    def _steps_before(self, first_s: float, tick: int) -> int:
         """Return how many steps came before a port's first row: the number that brings it closest
         to its grid.
         """
-        period_s = self._periods.get(station)
-        if period_s is None or self._t0_utc is None:
+        if self._period_s is None or self._t0_utc is None:
             return 0
         sums = np.concatenate([[0.0], np.cumsum([step.size_s for step in self._steps])])
-        return int(np.argmin(np.abs(first_s - (self._t0_utc + tick * period_s) - sums)))
+        due_s = self._t0_utc + tick * self._period_s
+        return int(np.argmin(np.abs(first_s - due_s - sums)))
 
 
-def _flags(rows: pa.Table) -> list[FlagRead]:
-    read = rows.select(["time", "alarm_high", "alarm_low"]).filter(rows["alarm_high"].is_valid())
-    times = read["time"].cast(pa.int64()).to_pylist()
-    return [*map(FlagRead, times, read["alarm_high"].to_pylist(), read["alarm_low"].to_pylist())]
+def flags_in(samples: pa.Table) -> list[FlagRead]:
+    """Return the flags read in these samples of a port."""
+    read = samples.select(["time", *FLAGS]).filter(samples["alarm_high"].is_valid())
+    times_us = read["time"].cast(pa.int64()).to_pylist()
+    return [*map(FlagRead, times_us, *(read[name].to_pylist() for name in FLAGS))]

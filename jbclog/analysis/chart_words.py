@@ -33,14 +33,14 @@ def _charted(one: Charted) -> Iterator[str]:
     )
     missing = f", {series.missing} more without a value" if series.missing else ""
     yield f"{head}{missing}" + (
-        f", mean {series.values.mean():.4g} {series.unit}" if len(series.values) else ""
+        f", mean {series.values.mean():.4g} {series.uom}" if len(series.values) else ""
     )
     yield from (f"  {note}" for note in one.notes)
     if isinstance(one.charts, spc.Refused):
         yield f"  chart: none. {one.charts.text}"
     else:
         for chart in one.charts:
-            yield from _chart(chart, one.names, one.scale or series.unit)
+            yield from _chart(chart, one.names, one.scale or series.uom)
         rate = spc.FALSE_ALARMS.get(one.charts[0].tests)
         if rate is not None:
             yield f"  tests {', '.join(map(str, one.charts[0].tests))}: {rate.text}"
@@ -49,7 +49,7 @@ def _charted(one: Charted) -> Iterator[str]:
                 f"  on a stable process the first false alarm after {points:.0f} points on average"
             )
     if one.fixed is not None:
-        yield from _chart(one.fixed, series.names, series.unit, "fixed limits")
+        yield from _chart(one.fixed, series.names, series.uom, "fixed limits")
     if one.capability is not None:
         yield f"  capability: {capability_text(one.capability, series.each)}"
 
@@ -122,7 +122,7 @@ def facts(one: Charted | Counted | Ranked) -> dict[str, object]:
         "station": series.station,
         "port": series.port,
         "metric": series.metric,
-        "unit": series.unit,
+        "uom": series.uom,
         "each": series.each,
         "kind": one.kind,
         "scale": one.scale,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pandas as pd
@@ -16,17 +16,20 @@ import pyarrow as pa
 
 from jbclog.analysis import spc
 from jbclog.analysis.count_charts import COUNTED
+from jbclog.analysis.derived_schemas import JOINTS_SCHEMA
 from jbclog.analysis.run import Run
 from jbclog.analysis.runs import Runs
 from jbclog.analysis.spc.distribution import Floats
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.analysis.trend import metric_unit, not_a_metric, trends
 from jbclog.analysis.verdict.evidence import joints_not_known
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 OF_VALUES: Final = ("imr", "ewma", "cusum", "xbar-s")
-NOT_A_METRIC: Final = ("start_s", "end_s", "confidence")
+NOT_A_METRIC: Final = ("start_s", "stop_s", "confidence")
 RECOVERY, DWELL = "recovery_s", "dwell_s"
 # above this share of joints without recovery, the others' figures would look too good
 MOST_LATE: Final = 0.05
@@ -46,7 +49,7 @@ class Series:
     station: str
     port: int
     metric: str
-    unit: str
+    uom: str
     each: str
     values: Floats
     names: list[str]
@@ -92,6 +95,12 @@ class Charted:
     scale: str | None = None
     notes: list[str] = field(default_factory=list)
 
+    def plot(self) -> Figure:
+        """Draw the charts and the distribution; if they are refused, the values with the reason."""
+        from jbclog.analysis.plots import chart_figure
+
+        return chart_figure([self])
+
 
 def joint_metrics() -> dict[str, str]:
     """Return metric of a joint -> unit."""
@@ -100,7 +109,7 @@ def joint_metrics() -> dict[str, str]:
         for one in JOINTS_SCHEMA
         if pa.types.is_floating(one.type) and one.name not in NOT_A_METRIC
     ]
-    return {one.name: (one.metadata or {}).get(b"unit", b"").decode() for one in fields}
+    return {one.name: (one.metadata or {}).get(b"uom", b"").decode() for one in fields}
 
 
 def series_of_run(
@@ -199,6 +208,18 @@ def series_of_runs(
         )
         for one in trends(runs, metric, station, port)
     ]
+
+
+def chart_of_runs(runs: Runs, metric: str, station: str, port: int) -> Charted:
+    """Return the charts of the metric of each run at one port.
+
+    Raises `UsageError` for a metric, station or port that no run has.
+    """
+    found = series_of_runs(runs, metric, station, port)
+    if not found:
+        runs.expect_place(station, port)
+        raise UsageError(f"no run has values of {metric} of {station} port {port}")
+    return charted(found[0])
 
 
 def joined(series: Iterable[Series]) -> list[Series]:

@@ -19,14 +19,15 @@ import numpy as np
 import pandas as pd
 
 from jbclog.analysis import spc
+from jbclog.analysis.clock_steps import steps_in
 from jbclog.analysis.run import Run
 from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
-from jbclog.analysis.verdict import measure
 from jbclog.analysis.verdict.idle import IdleError
-from jbclog.analysis.verdict.samples import Measures
+from jbclog.analysis.verdict.samples import Measures, columns_for, measures_of
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, read_regular
 from jbclog.core.text import exact
+from jbclog.record.clock_steps import COLUMNS as STEP_COLUMNS
 from jbclog.record.find_runs import ending
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
@@ -145,8 +146,8 @@ def _facts(one: Manifest, two: Manifest) -> Iterator[Fact]:
             ]
             pairs += [(f"{name} rate", rates[0], rates[1])]
             pairs += [
-                (f"{name} {what}", getattr(a, what), getattr(b, what))
-                for what in ("model", "software", "ports", "tools")
+                (f"{name} {what.replace('_', ' ')}", getattr(a, what), getattr(b, what))
+                for what in ("model", "software", "ports", "tool_names")
             ]
     return (Fact(what, _text(a), _text(b)) for what, a, b in pairs if (a or None) != (b or None))
 
@@ -190,7 +191,7 @@ def _recipe_texts(run: Run) -> dict[str, str]:
 
 def _settings(first: Run, second: Run) -> pd.DataFrame:
     """Return the settings whose last reading differs or that only one run read."""
-    table = _side_by_side(_last_settings(first), _last_settings(second), [*KEY, "setting", "unit"])
+    table = _side_by_side(_last_settings(first), _last_settings(second), [*KEY, "setting", "uom"])
     differs = table["first"].fillna("") != table["second"].fillna("")
     return table[differs].reset_index(drop=True)
 
@@ -198,17 +199,17 @@ def _settings(first: Run, second: Run) -> pd.DataFrame:
 def _last_settings(run: Run) -> pd.DataFrame:
     rows = run.settings()
     rows = rows[rows["readback"].notna()].assign(port=rows["port"].fillna(0).astype("int64"))
-    last = rows.drop_duplicates([*KEY, "setting", "unit"], keep="last")
-    return last[[*KEY, "setting", "unit", "readback"]].rename(columns={"readback": "value"})
+    last = rows.drop_duplicates([*KEY, "setting", "uom"], keep="last")
+    return last[[*KEY, "setting", "uom", "readback"]].rename(columns={"readback": "value"})
 
 
 def _metrics(first: Run, second: Run) -> pd.DataFrame:
     """Return each metric of each port, with the difference where both values are known."""
-    one, two = (run.metrics()[[*KEY, "metric", "unit", "value"]] for run in (first, second))
+    one, two = (run.metrics()[[*KEY, "metric", "uom", "value"]] for run in (first, second))
     order = {
         name: place for place, name in enumerate(dict.fromkeys([*one["metric"], *two["metric"]]))
     }
-    table = _side_by_side(one, two, [*KEY, "metric", "unit"])
+    table = _side_by_side(one, two, [*KEY, "metric", "uom"])
     before, after = (
         table[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("first", "second")
     )
@@ -273,4 +274,6 @@ def _measures(run: Run) -> Measures:
         for one in run.manifest.stations
         if not one.signals or "temperature_c" in one.signals
     }
-    return measure(run.folder, with_temperature, groups=run.groups)
+    samples = run.samples_by_port(columns_for(with_temperature))
+    steps = steps_in(run.groups("events", STEP_COLUMNS))
+    return measures_of(samples, with_temperature, steps)

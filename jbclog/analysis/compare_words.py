@@ -31,7 +31,7 @@ def lines(found: Comparison) -> Iterator[str]:
             place = f"{row['station']} port {row['port']}" if row["port"] else row["station"]
             yield (
                 f"  {place}  {row['setting']}: {_or_none(row['first'])} | {_or_none(row['second'])}"
-                f" {row['unit']}"
+                f" {row['uom']}"
             )
         if (more := len(found.settings) - MOST_SETTINGS) > 0:
             yield f"  and {more} more; --json lists all"
@@ -53,7 +53,7 @@ def _metric_lines(found: Comparison) -> Iterator[str]:
             difference = "" if _is_none(row.difference) else f"  ({_figure(row.difference)})"
             yield (
                 f"    {row.metric:28} {_figure(row.first):>10} | {_figure(row.second):<10}"
-                f" {row.unit}{difference}"
+                f" {row.uom}{difference}"
             )
 
 

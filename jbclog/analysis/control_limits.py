@@ -36,7 +36,7 @@ class Limits:
 
     format: str
     metric: str
-    unit: str
+    uom: str
     each: str
     limits: list[Fixed]
     sources: list[Source]

@@ -90,8 +90,8 @@ def rejects(runs: Runs) -> Counted:
     judged: Counter[str] = Counter()
     rejected: Counter[str] = Counter()
     for one in runs.found:
-        if one.verdict is not None and one.started is not None:
-            day = one.started[:10]
+        if one.verdict is not None and one.start is not None:
+            day = one.start[:10]
             judged[day] += 1
             rejected[day] += one.verdict == "REJECT"
     names = sorted(judged)

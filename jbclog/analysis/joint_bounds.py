@@ -23,15 +23,18 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from jbclog.analysis.clock_steps import steps_in
+from jbclog.analysis.derived_files import MetricRow, metric_rows_in
+from jbclog.analysis.joints.port_reader import PortReader
+from jbclog.analysis.joints.port_rows import COLUMNS
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.thermal import AIR_C
 from jbclog.analysis.joints.windows import TakesRows, View, Windows
+from jbclog.analysis.port_data import Flags, Floats, setting_in_force
 from jbclog.analysis.run_joints import joints_of_port
-from jbclog.analysis.run_metrics import port_reader
+from jbclog.analysis.run_metrics import stored_table
 from jbclog.analysis.run_tables import RunTables
-from jbclog.analysis.stored_tables import MetricRow, cached_metrics, stored_joints, stored_metrics
-from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
-from jbclog.record.manifest import manifest_sha256
+from jbclog.record.clock_steps import COLUMNS as STEP_COLUMNS
 
 WORK_PERMILLE: Final = 35.0  # the flow that a contact reaches at least (`contacts`)
 MEAN_S: Final = 1.0
@@ -125,27 +128,24 @@ def _may_be_in_joint(series: Series, excess: Floats) -> Flags:
 
 
 def beyond_bounds(run: RunTables) -> list[str]:
-    """Return a sentence for each bound that the stored joints and metrics of a sealed run break;
-    none if no table is stored. Raises `RecordError`.
+    """Return a sentence for each bound that the derived joints and metrics of a sealed run break;
+    none without these tables. Raises `RecordError`.
     """
-    made_from = manifest_sha256(run.folder)
-    metrics = stored_metrics(run.folder, made_from)
-    if metrics is None:
-        metrics = cached_metrics(run.folder, made_from)
-    if metrics is None:
+    stored = stored_table(run, "metrics")
+    if stored is None:
         return []
-    joints = stored_joints(run.folder, made_from)
+    metrics = metric_rows_in(stored)
+    joints = stored_table(run, "joints")
     found: list[str] = []
+    samples = run.samples_by_port(COLUMNS)
+    steps = steps_in(run.groups("events", STEP_COLUMNS))
     for facts in run.stations:
-        ports: dict[tuple[str, int], PortBounds] = {}
         for port in facts.ports:
             bounds = _bounds_of(_values(metrics, facts.name, port), joints, facts.name, port)
-            if bounds is not None:
-                ports[facts.name, port] = bounds
-        if ports:
-            port_reader(run, [facts]).sweep(ports)
-        for (name, port), bounds in ports.items():
-            found += [f"{name} port {port}: {text}; {AGAIN}" for text in bounds.texts()]
+            if bounds is None:
+                continue
+            PortReader(facts, port, samples, steps, run.manifest.t0_utc_us).sweep(bounds)
+            found += [f"{facts.name} port {port}: {text}; {AGAIN}" for text in bounds.texts()]
     return found
 
 

@@ -14,7 +14,7 @@ from jbclog.record.manifest import Manifest
 MOST_RUNS: Final = 20
 MOST_CHARACTERS: Final = 80  # characters of a cell
 HEADS: Final = (
-    "started",
+    "start",
     "line",
     "recipes",
     "operator",
@@ -33,8 +33,8 @@ def run_html(name: str, manifest: Manifest) -> str:
     facts = [
         ("verdict", manifest.verdict or "none yet"),
         ("state", ending(manifest.exit_status, manifest.state)),
-        ("from", shortened(manifest.started)),
-        ("to", shortened(manifest.ended)),
+        ("from", shortened(manifest.start)),
+        ("to", shortened(manifest.stop)),
         ("line", manifest.line.name if manifest.line else None),
         ("recipes", ", ".join(f"{one.name}@{one.revision}" for one in manifest.recipes)),
         ("operator", metadata.operator),
@@ -90,7 +90,7 @@ def shortened(time: str | None) -> str | None:
 
 
 def _row(one: Found) -> tuple[object, ...]:
-    what = (shortened(one.started), one.line, ", ".join(one.recipes))
+    what = (shortened(one.start), one.line, ", ".join(one.recipes))
     return (
         *what,
         one.operator,

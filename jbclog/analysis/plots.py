@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -12,15 +13,15 @@ from matplotlib.figure import Figure
 
 from jbclog.analysis import spc
 from jbclog.analysis.charts import Charted
+from jbclog.analysis.clock_steps import nominal_period
 from jbclog.analysis.compare import Comparison
 from jbclog.analysis.count_charts import Counted, Ranked
 from jbclog.analysis.figures.canvas import styled
 from jbclog.analysis.figures.curves import Floats, envelope
-from jbclog.analysis.figures.style import ALARM, EXTERNAL, QUIET, TEMPERATURE, WIDE, Look
+from jbclog.analysis.figures.style import ALARM, EXTERNAL, INK, QUIET, TEMPERATURE, WIDE, Look
 from jbclog.analysis.figures.trace import JOINED_PERIODS
 from jbclog.analysis.run import Run
 from jbclog.analysis.trend import Trend, title_of
-from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
@@ -30,6 +31,7 @@ DPI: Final = 130
 COLOURS: Final = (TEMPERATURE, ALARM)  # first and second run
 COLUMNS: Final = ["time", "tick", "temperature_c"]
 MOST_NAMES: Final = 12
+REASON_LETTERS: Final = 90  # in a line of a reason
 MOST_BARS: Final = 12
 # a stated limit
 LIMIT: Final[Look] = {"color": ALARM, "linewidth": 1.1, "linestyle": (0, (4.4, 1.7))}
@@ -138,7 +140,7 @@ def _trend(axes: Axes, trend: Trend, lower: float | None, upper: float | None) -
         if isinstance(trend.chart, spc.Refused)
         else _note(trend.chart[0])
     )
-    axes.set_title(f"{trend.station} port {trend.port}: {title_of(trend.metric)} in {trend.unit}")
+    axes.set_title(f"{trend.station} port {trend.port}: {title_of(trend.metric)} in {trend.uom}")
     axes.text(0.0, -0.24, note, transform=axes.transAxes, color=QUIET, va="top", wrap=True)
     missing = [place for place, point in enumerate(trend.points) if point.value is None]
     axes.plot(
@@ -162,7 +164,7 @@ def _names(axes: Axes, trend: Trend) -> None:
     """Label at most `MOST_NAMES` of the runs with their start."""
     count = len(trend.points)
     places = range(0, count, max(1, -(-count // MOST_NAMES)))
-    starts = [trend.points[place].started for place in places]
+    starts = [trend.points[place].start for place in places]
     axes.set_xticks(
         places, ["" if start is None else f"{start:%m-%d}\n{start:%H:%M}" for start in starts]
     )
@@ -222,7 +224,7 @@ def _numbers(values: Floats) -> Floats:
 
 def _values(panels: np.ndarray, one: Charted) -> None:
     series, charts = one.series, () if isinstance(one.charts, spc.Refused) else one.charts
-    title = f"{series.station} port {series.port}: {series.metric} in {one.scale or series.unit}"
+    title = f"{series.station} port {series.port}: {series.metric} in {one.scale or series.uom}"
     for place in range(2):
         axes = panels[place, 0]
         if place < len(charts):
@@ -230,14 +232,22 @@ def _values(panels: np.ndarray, one: Charted) -> None:
             axes.set_title(f"{title}, {charts[place].name}" if place == 0 else charts[place].name)
         elif place == 0:
             _points(axes, _numbers(series.values), series.values, None)
-            axes.set_title(f"{title}. No limits")
+            axes.set_title(title)
         else:
             axes.set_axis_off()
+    if isinstance(one.charts, spc.Refused):
+        _reason(panels[1, 0], f"No control limits. {one.charts.text}")
     if one.fixed is not None and one.kind == "imr":
         for edge in (one.fixed.lower[0], one.fixed.upper[0]):
             panels[0, 0].axhline(edge, **LIMIT)
     panels[1, 1].set_axis_off()
     _probability(panels[0, 1], one)
+
+
+def _reason(axes: Axes, text: str) -> None:
+    """Write why there is no chart into the axes in which it would be."""
+    lines = fill(text, REASON_LETTERS)
+    axes.text(0.0, 1.0, lines, transform=axes.transAxes, color=INK, va="top")
 
 
 def _probability(axes: Axes, one: Charted) -> None:

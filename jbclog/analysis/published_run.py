@@ -11,9 +11,9 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import count
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -21,17 +21,20 @@ import pandas as pd
 import pyarrow as pa
 
 from jbclog.analysis.run import Run
-from jbclog.analysis.run_tables import Selection
+from jbclog.analysis.run_tables import Selection, select
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import TABLES
-from jbclog.record.capture import FOLDER as CAPTURES
-from jbclog.record.capture import wire_path
+from jbclog.record.folder import derived_file
 from jbclog.record.manifest import SealedFile
 from jbclog.record.part_file import PartFile, sealed_footer
 from jbclog.record.parts import group_of
-from jbclog.record.published import Tree, explained, fetch, key_of
+from jbclog.record.published import MADE_LATER, Tree, explained, fetch, key_of
+from jbclog.record.samples_by_port import Part, SamplesByPort
+from jbclog.record.schema import CAPTURE
 
-READ_IN_PLACE = (*(f"{table}/" for table in TABLES), f"{CAPTURES}/")
+READ_IN_PLACE = (*(f"{table}/" for table in TABLES), f"{CAPTURE}/")
+DERIVED = tuple(derived_file(table) for table in ("joints", "units", "metrics"))
+"""Derived tables that are read instead of the samples."""
 
 
 class PublishedRun(Run):
@@ -42,47 +45,51 @@ class PublishedRun(Run):
         self.tree = tree
         home = Path(tempfile.mkdtemp(prefix="jbclog-"))
         weakref.finalize(self, shutil.rmtree, home, ignore_errors=True)
-        super().__init__(fetch(tree, run, home, lambda name: not name.startswith(READ_IN_PLACE)))
+        super().__init__(fetch(tree, run, home, _is_small))
 
     @property
     def place(self) -> str:
         """Where the run is, as messages show it: ``TABLE/RUN``."""
         return f"{self.tree}/{self.name}"
 
-    def wire(self, station: str) -> pd.DataFrame:
-        """Return the serial capture of a station, as `Run.wire` does; it is copied first."""
-        capture = wire_path(self.folder, station).relative_to(self.folder).as_posix()
-        if any(file.path == capture for file in self.manifest.files):
-            with tempfile.TemporaryDirectory(prefix="jbclog-") as home:
-                return Run(fetch(self.tree, self.name, Path(home), capture.__eq__)).wire(station)
-        return super().wire(station)
+    def samples_by_port(self, columns: Sequence[str]) -> SamplesByPort:
+        """Return these columns of the samples port by port, in the order of the line file."""
+        selection = select("samples", columns)
+        parts = [
+            Part(partial(open_published_part, self.tree, key_of(self.name, file.path), file), True)
+            for file in self._files_of("samples")
+        ]
+        order = [(facts.name, port) for facts in self.stations for port in facts.ports]
+        return SamplesByPort(selection.columns, parts, order=order)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
         table = selection.table
-        numbers = count()
-        listed = [file for file in self.manifest.files if file.path.startswith(f"{table}/")]
-        for file in listed:
+        for file in self._files_of(table):
             with open_published_part(self.tree, key_of(self.name, file.path), file) as part:
                 for index in range(part.num_row_groups):
-                    is_wanted = selection.wanted is None or selection.wanted(next(numbers))
-                    if is_wanted and may_have(part, index, selection):
+                    if may_have(part, index, selection):
                         yield selection.cut(group_of(part, table, index, selection.needed))
+
+    def _files_of(self, table: str) -> list[SealedFile]:
+        return [file for file in self.manifest.files if file.path.startswith(f"{table}/")]
+
+
+def _is_small(name: str) -> bool:
+    """Whether a file is copied, because it is read whole."""
+    if name in MADE_LATER:
+        return name in DERIVED
+    return not name.startswith(READ_IN_PLACE)
 
 
 def may_have(part: PartFile, index: int, selection: Selection) -> bool:
     """Whether a row group can have selected rows, by the bounds in the footer."""
-    group = part.metadata.row_group(index)
-    for place, name in enumerate(part.schema.names):
-        statistics = group.column(place).statistics
-        if statistics is None or not statistics.has_min_max:
-            continue
-        least, most = statistics.min, statistics.max
-        wanted = {"station": selection.station, "port": selection.port}.get(name)
-        if wanted is not None and not least <= wanted <= most:
-            return False
-        if name == "time" and not _overlap(selection, least, most):
-            return False
-    return True
+    if not part.may_have(index, selection.station, selection.port):
+        return False
+    names = part.schema.names
+    statistics = part.metadata.row_group(index).column(names.index("time")).statistics
+    if statistics is None or not statistics.has_min_max:
+        return True
+    return _overlap(selection, statistics.min, statistics.max)
 
 
 def _overlap(selection: Selection, least: pd.Timestamp, most: pd.Timestamp) -> bool:

@@ -173,7 +173,7 @@ def _other_figures(
     """Yield limit and observed figure if they differ. Words are not compared, because another
     version may have others; nor figures of joints, whose search depends on the libraries.
     """
-    for name in ("limit",) if place[0] in OF_JOINTS else ("limit", "observed"):
+    for name in ("limit_value",) if place[0] in OF_JOINTS else ("limit_value", "observed"):
         for one, other in zip(before, now, strict=True):
             was, gives = one.get(name), other.get(name)
             if isinstance(gives, int | float) and not (

@@ -1,7 +1,7 @@
 """Alarm episodes of a run, computed from its tables.
 
-The table has a row for each episode of each detector (`TABLE`); `Alarms.incidents` groups them.
-Also works for a run that is still open or was cut off, as far as its record reaches.
+The table has a row for each episode of each detector (`ALARMS_SCHEMA`); `Alarms.incidents` groups
+them. Also works for a run that is still open or was cut off, as far as its record reaches.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import pyarrow as pa
 from jbclog.analysis.alarm_rows import (
     COLUMNS,
     FLAGS,
-    PortSplitter,
+    PortRows,
     RunEvents,
+    flags_in,
     read_events,
 )
 from jbclog.analysis.alarms.from_record import UNKNOWN as FLAGS_LOST
@@ -27,66 +28,17 @@ from jbclog.analysis.alarms.kpi import Figures, figures
 from jbclog.analysis.alarms.live import KIND, rules_of
 from jbclog.analysis.alarms.match import Incident, Unknown, incidents
 from jbclog.analysis.alarms.state_machine import Detector, Episode
-from jbclog.analysis.port_split import gathered
-from jbclog.analysis.run_tables import RunTables
+from jbclog.analysis.derived_schemas import ALARMS_SCHEMA
+from jbclog.analysis.run_tables import RunTables, frame
 from jbclog.core.clock import utc_micros
 from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.clock_steps import HostClock
 from jbclog.record.manifest import iso as manifest_iso
-from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
+from jbclog.record.schema import TIME
 
 ACKNOWLEDGED: Final = "alarm.acknowledged"
 """Kind of the annotation that acknowledges an episode; its `what` is the episode's name."""
-
-TABLE: Final = {
-    "episode": "str",
-    "incident": "int64",
-    "station": "str",
-    "port": "int64",
-    "side": "str",
-    "detector": "str",
-    "state": "str",
-    "onset_earliest": "time",
-    "onset": "time",
-    "raised": "time",
-    "end_earliest": "time",
-    "end": "time",
-    "end_reason": "str",
-    "seconds": "Float64",
-    "seconds_least": "Float64",
-    "seconds_most": "Float64",
-    "peak_c": "Float64",
-    "limit_c": "Float64",
-    "delay_s": "Float64",
-    "confirmed": "boolean",
-    "uncertain": "boolean",
-    "finding": "str",
-    "acknowledged_by": "str",
-    "acknowledged_at": "time",
-    "acknowledged_why": "str",
-}
-"""Columns of `Run.alarms()`, which describes them, and their types."""
-
-ARROW_TYPES: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
-"""Type of a column in `TABLE` -> Arrow type."""
-_UNITS: Final = {
-    "seconds": "s",
-    "seconds_least": "s",
-    "seconds_most": "s",
-    "peak_c": "°C",
-    "limit_c": "°C",
-    "delay_s": "s",
-}
-ALARMS_SCHEMA: Final = pa.schema(
-    [
-        pa.field(
-            name, ARROW_TYPES[kind], metadata={"unit": _UNITS[name]} if name in _UNITS else None
-        )
-        for name, kind in TABLE.items()
-    ]
-)
-"""The columns of `TABLE` as Arrow fields, with units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +52,14 @@ class Acknowledgement:
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """The alarms of a run.
+    """The alarms of the run with the name `run`.
 
     `figures`: KPIs of each station by each detector. `live`: a sentence for each difference between
     the recorder's events and the record. `acknowledged`: name of an episode -> acknowledgement of
     its whole incident.
     """
 
+    run: str
     incidents: list[Incident]
     figures: list[Figures]
     live: list[str]
@@ -123,8 +76,7 @@ class Alarms:
         """Whether an incident is an alarm, by the station or by our samples, and not
         acknowledged.
         """
-        is_alarm = any(one.detector is not Detector.AFTERWARDS for one in incident.episodes)
-        return is_alarm and self.acknowledgement(incident) is None
+        return incident.is_alarm and self.acknowledgement(incident) is None
 
     def incident_of(self, episode_id: str) -> Incident | None:
         """Return the incident of an episode; None for an unknown name."""
@@ -167,34 +119,36 @@ class Alarms:
         return [_figure_row(one) for one in self.figures]
 
     def frame(self) -> pd.DataFrame:
-        """Return the rows as a DataFrame with the columns of `TABLE`."""
-        rows = self.rows()
-        return pd.DataFrame(
-            {name: _column(kind, [row[name] for row in rows]) for name, kind in TABLE.items()}
-        )
+        """Return the rows as a DataFrame with the columns of `ALARMS_SCHEMA`."""
+        return frame(self.table())
 
     def table(self) -> pa.Table:
         """Return the rows as an Arrow table with `ALARMS_SCHEMA`."""
-        times = [name for name, kind in TABLE.items() if kind == "time"]
-        rows = [row | {name: _moment(row[name]) for name in times} for row in self.rows()]
+        times = [field.name for field in ALARMS_SCHEMA if field.type == TIME]
+        rows = [
+            {"run": self.run} | row | {name: _moment(row[name]) for name in times}
+            for row in self.rows()
+        ]
         return pa.Table.from_pylist(rows, schema=ALARMS_SCHEMA)
 
     def _row(self, incident: Incident, episode: Episode) -> dict[str, object]:
         given = self.acknowledgement(incident)
         return {
-            "episode": episode.id,
-            "incident": incident.number,
             "station": episode.station,
             "port": episode.port,
+            "episode": episode.id,
+            "incident": incident.number,
+            "main": incident.is_alarm and episode is incident.main,
+            "witnesses": incident.witnesses,
             "side": str(episode.side),
             "detector": str(episode.detector),
             "state": str(episode.state),
-            "onset_earliest": iso(episode.onset_earliest_us),
-            "onset": iso(episode.onset_us),
+            "start_earliest": iso(episode.onset_earliest_us),
+            "start": iso(episode.onset_us),
             "raised": iso(episode.raised_us),
-            "end_earliest": iso(episode.end_earliest_us),
-            "end": iso(episode.end_us),
-            "end_reason": episode.end_reason,
+            "stop_earliest": iso(episode.end_earliest_us),
+            "stop": iso(episode.end_us),
+            "stop_reason": episode.end_reason,
             "seconds": episode.seconds,
             "seconds_least": episode.seconds_least,
             "seconds_most": episode.seconds_most,
@@ -225,7 +179,9 @@ def alarms_of(run: RunTables) -> Alarms:
     for name in known:
         begin_us, end_us = spans.get(name, (None, None))
         kpis += [figures(name, detector, episodes, begin_us, end_us, at) for detector in Detector]
-    return Alarms(found, kpis, list(_live_differences(episodes, events, stations)), given)
+    return Alarms(
+        run.manifest.run, found, kpis, list(_live_differences(episodes, events, stations)), given
+    )
 
 
 def _acknowledged_us(
@@ -248,33 +204,31 @@ Span = tuple[int, int]
 def _sampled(
     run: RunTables, known: Mapping[str, StationFacts], events: RunEvents
 ) -> tuple[dict[PortKey, SampledEpisodes], dict[PortKey, list[FlagRead]], dict[str, Span]]:
-    """Return, from one pass over the samples, the episodes by samples, the flags of ports that lost
-    some, and the time recorded.
-    """
-    losing = frozenset(
-        place
-        for place, alarms in events.alarms.items()
+    """Return the episodes by samples, the flags of ports that lost some, and the time recorded."""
+    losing = {
+        key
+        for key, alarms in events.alarms.items()
         if any(event.kind == FLAGS_LOST for event in alarms)
-    )
-    periods = {name: facts.period_s for name, facts in known.items()}
-    splitter = PortSplitter(events.steps, losing, run.manifest.t0_utc, periods)
-    sampled = dict[PortKey, SampledEpisodes]()
-    reads, spans = dict[PortKey, list[FlagRead]](), dict[str, Span]()
-    ports = sum(len(facts.ports) for facts in known.values())
-    columns = [*COLUMNS, *(FLAGS if losing else ())]
-    for piece in gathered(run.groups("samples", columns, coded=True), ports):
-        for place, rows, flags in splitter.split(piece):
-            if place not in sampled:
-                facts = known.get(place[0])
-                period_s = facts.period_s if facts else None
-                sampled[place] = SampledEpisodes(
-                    *place, period_s, events.changes.get(place, ()), rules_of(facts)
-                )
-            sampled[place].feed(rows)
-            reads.setdefault(place, []).extend(flags)
-            begin, end = int(rows.time_us[0]), int(rows.time_us[-1])
-            first, last = spans.get(place[0], (begin, end))
-            spans[place[0]] = min(first, begin), max(last, end)
+    }
+    sampled: dict[PortKey, SampledEpisodes] = {}
+    reads: dict[PortKey, list[FlagRead]] = {}
+    spans: dict[str, Span] = {}
+    samples = run.samples_by_port([*COLUMNS, *(FLAGS if losing else ())])
+    t0_utc = run.manifest.t0_utc
+    for key in samples.ports:
+        facts = known.get(key[0])
+        period_s = facts.period_s if facts else None
+        episodes = SampledEpisodes(*key, period_s, events.changes.get(key, ()), rules_of(facts))
+        port = PortRows(events.steps, t0_utc, period_s)
+        for piece in samples.rows(key):
+            rows = port.of(piece)
+            episodes.feed(rows)
+            if key in losing:
+                reads.setdefault(key, []).extend(flags_in(piece))
+            begin_us, end_us = int(rows.time_us[0]), int(rows.time_us[-1])
+            first_us, last_us = spans.get(key[0], (begin_us, end_us))
+            spans[key[0]] = min(first_us, begin_us), max(last_us, end_us)
+            sampled[key] = episodes
     return sampled, reads, spans
 
 
@@ -350,18 +304,10 @@ def _moment(text: object) -> datetime | None:
 
 
 def _figure_row(one: Figures) -> dict[str, object]:
-    floods = [{"begin": iso(begin), "end": iso(end)} for begin, end in one.floods]
+    floods = [{"start": iso(start), "stop": iso(stop)} for start, stop in one.floods]
     return {
         **asdict(one),
         "detector": str(one.detector),
         "floods": floods,
         "top": [asdict(source) for source in one.top],
     }
-
-
-def _column(kind: str, cells: list[object]) -> pd.Series:
-    if kind == "time":
-        return pd.to_datetime(pd.Series(cells, dtype="object"), utc=True, format="ISO8601").astype(
-            "datetime64[us, UTC]"
-        )
-    return pd.Series(cells, dtype=kind)

@@ -17,27 +17,27 @@ from jbclog.analysis.figures.trace import JointEnd
 from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.run_tables import RunTables
 from jbclog.core.errors import UsageError
-from jbclog.record.schema import TEXT
 
-OF_SPANS: Final = ("start_s", "end_s", "recovered")
+OF_SPANS: Final = ("start_s", "stop_s", "recovered")
 """Columns that `spans_of` needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunJoint:
-    """A joint. Its fields are the columns of `Run.joints` (docs/reference/tables.md) and the serial
-    of its unit, None if not known.
+    """A joint. Its fields are the columns of `Run.joints` (docs/reference/tables.md); `run` is the
+    run itself.
     """
 
     run: RunTables = field(repr=False, compare=False)
-    unit: str | None
     station: str
     port: int
     joint: int
     start: pd.Timestamp
-    end: pd.Timestamp
+    stop: pd.Timestamp
     start_s: float
-    end_s: float
+    stop_s: float
+    unit: str | None
+    tip: str | None
     touches: int
     dwell_s: float | None
     depth_c: float | None
@@ -55,7 +55,7 @@ class RunJoint:
     deficit_c: float | None
     resting_below_c: float | None
     lowest_c: float | None
-    end_c: float | None
+    stop_c: float | None
     recovered: bool | None
     had_s: float | None
 
@@ -74,7 +74,7 @@ class RunJoint:
             )
         begin = self.start - pd.Timedelta(seconds=before_s)
         # `stop` is exclusive
-        after_end = self.end + pd.Timedelta(seconds=after_s) + pd.Timedelta(microseconds=1)
+        after_end = self.stop + pd.Timedelta(seconds=after_s) + pd.Timedelta(microseconds=1)
         return self.run.samples(self.station, self.port, begin, after_end, columns)
 
 
@@ -85,27 +85,12 @@ def each_joint(
     table = joints_of(run, station)
     if port is not None:
         table = table.filter(pc.equal(table["port"], port))
-    return [
-        _joint(run, unit, row)
-        for unit, row in zip(serials_of(run, table), table.to_pylist(), strict=True)
-    ]
+    return [_joint(run, row) for row in table.to_pylist()]
 
 
-def joints_with_units(run: RunTables) -> pa.Table:
-    """Return the joints with a first column `unit`: the unit's serial, null if not known."""
-    table = joints_of(run)
-    return table.add_column(0, pa.field("unit", TEXT), pa.array(serials_of(run, table), TEXT))
-
-
-def serials_of(run: RunTables, joints: pa.Table) -> list[str | None]:
-    """Return the unit's serial for each joint; None if not known."""
-    serials = run.unit_at(pd.Series(joints["start"].to_pandas()))
-    return [None if pd.isna(serial) else str(serial) for serial in serials]
-
-
-def _joint(run: RunTables, unit: str | None, row: dict[str, object]) -> RunJoint:
-    times = {name: pd.Timestamp(row[name]) for name in ("start", "end")}  # type: ignore[arg-type]  # of the table's time columns
-    return RunJoint(run=run, unit=unit, **{**row, **times})  # type: ignore[arg-type]  # the table's columns are the fields
+def _joint(run: RunTables, row: dict[str, object]) -> RunJoint:
+    times = {name: pd.Timestamp(row[name]) for name in ("start", "stop")}  # type: ignore[arg-type]  # of the table's time columns
+    return RunJoint(**{**row, **times, "run": run})  # type: ignore[arg-type]  # the table's columns are the fields
 
 
 def joints_of_port(

@@ -1,61 +1,62 @@
-"""Joints and metrics of a run: those that its report stored, or computed from its samples.
+"""Joints and metrics of a run: the derived tables in its folder, or computed from its samples.
 
-The tables have a row for each joint (`JOINTS_SCHEMA`) and for each metric of each port (`METRICS`).
-Also works for a run that is being recorded or was cut off. Ports without a feeder are measured
-together, window by window, so that a long run fits into memory; a port with a feeder is measured as
-a whole.
+The tables have a row for each joint (`JOINTS_SCHEMA`) and for each metric of each port
+(`METRICS_SCHEMA`).
+Also works for a run that is being recorded or was cut off. A port without a feeder is measured
+window by window, so that a long run fits into memory; one with a feeder as a whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, astuple, replace
-from itertools import groupby
-from pathlib import Path
-from typing import Final, NamedTuple, TypeVar
+from dataclasses import asdict, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.analysis.clock_steps import steps_in
+from jbclog.analysis.derived_files import (
+    MetricRow,
+    derived_table,
+    metric_rows_in,
+    metrics_table,
+)
+from jbclog.analysis.derived_schemas import JOINTS_SCHEMA
 from jbclog.analysis.joints.packed import column_of, floats_of, kinds_of
 from jbclog.analysis.joints.parameters import JointOptions, options_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once
-from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
+from jbclog.analysis.joints.port_reader import PortReader
+from jbclog.analysis.joints.port_rows import COLUMNS, CYCLES, Clock, cycles_of, kind_of
 from jbclog.analysis.joints.recovery import Joint
-from jbclog.analysis.joints.series import Cycles, Series
+from jbclog.analysis.joints.series import Cycles
 from jbclog.analysis.joints.solder_wire import Wire
-from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
+from jbclog.analysis.metrics.measures import METRICS, Measured, PortMeasuring, measure_port
+from jbclog.analysis.port_data import Counts, Floats
 from jbclog.analysis.run_tables import MOST_WHOLE, RunTables, frame
-from jbclog.analysis.stored_tables import (
-    JOINTS_SCHEMA,
-    MetricRow,
-    metric_table,
-    stored_joints,
-    stored_metrics,
-)
-from jbclog.analysis.verdict.clock_steps import Step
-from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
-from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import PortKey, StationFacts
+from jbclog.record.clock_steps import COLUMNS as STEP_COLUMNS
 from jbclog.record.folder import joints_asked
-from jbclog.record.manifest import manifest_sha256
-from jbclog.record.schema import FLOAT, SCHEMAS
-
-T = TypeVar("T")
+from jbclog.record.manifest import Manifest, manifest_sha256
+from jbclog.record.schema import FLOAT, SCHEMAS, TEXT
 
 AS_THEY_ARE: Final = ("fed", "recovered")
-FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_permille_s": "energy"}
+FIELDS: Final = {
+    "peak_permille": "peak",
+    "heat_permille_s": "heat",
+    "energy_permille_s": "energy",
+    "stop_c": "end_c",
+}
 """Column of the table -> field of a joint or its draw, where the names differ; floats are
 rounded.
 """
 DECIMALS: Final = 3
 LENGTH: Final = "dispensed_mm"
 OF_FEEDER: Final = (LENGTH, CYCLES)
+POWER_AT_WORK: Final = "power_mean_permille"
 COUNTED: Final = ["time", "station", "port", "counter", "value"]
 UNSURE: Final = 1e-3
 # status texts of W-PS (manuals 000, 001, 002)
@@ -72,12 +73,12 @@ class MeasuredPort(NamedTuple):
     measured: Measured
     edges_us: Counts
 
-    def joint_table(self) -> pa.Table:
-        """Return a row for each joint."""
+    def joint_table(self, run: Manifest) -> pa.Table:
+        """Return a row for each joint, still without its unit."""
         return pa.table(
             [
                 column if isinstance(column, pa.Array) else pa.array(column, field.type)
-                for field, column in zip(JOINTS_SCHEMA, _columns(self), strict=True)
+                for field, column in zip(JOINTS_SCHEMA, _columns(self, run), strict=True)
             ],
             schema=JOINTS_SCHEMA,
         )
@@ -85,25 +86,38 @@ class MeasuredPort(NamedTuple):
     def metric_rows(self) -> list[MetricRow]:
         """Return a row for each metric."""
         return [
-            MetricRow(self.facts.name, self.port, *astuple(one)) for one in self.measured.figures
+            MetricRow(
+                self.facts.name,
+                self.port,
+                figure.name,
+                figure.value,
+                figure.low,
+                figure.high,
+                figure.unit,
+                figure.n,
+                figure.coverage,
+                figure.resolution,
+                figure.why,
+            )
+            for figure in self.measured.figures
         ]
 
 
 def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
-    """Return a row for each metric of each port: value, or the reason in `why`; unit, n, coverage
-    in per cent, resolution.
+    """Return a row for each metric of each port: value, or the reason in `why`; range, unit of
+    measure, n, coverage in per cent, resolution.
 
-    Reads the stored metrics if they are this run's, else computes them. Raises `RecordError`.
+    Reads the derived table if it is this run's, else computes it. Raises `RecordError`.
     """
-    return metric_table(metric_rows_of(run, station))
+    return frame(metrics_table(metric_rows_of(run, station), run.manifest.run))
 
 
 def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow]:
     """Return the rows of `metrics_of` as objects."""
-    stored = _stored(run, stored_metrics)
-    if stored is not None:
-        return [row for row in stored if station in (None, row.station)]
-    return computed_metrics(run, station)
+    stored = stored_table(run, "metrics")
+    if stored is None:
+        return computed_metrics(run, station)
+    return [row for row in metric_rows_in(stored) if station in (None, row.station)]
 
 
 def computed_metrics(run: RunTables, station: str | None = None) -> list[MetricRow]:
@@ -112,60 +126,87 @@ def computed_metrics(run: RunTables, station: str | None = None) -> list[MetricR
 
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
-    """Return the joints, ordered by station, port and time: the stored ones if they are this run's,
+    """Return the joints, ordered by station, port and time: the derived table if it is this run's,
     else those found in the samples.
 
     Raises `RecordError`.
     """
-    stored = _stored(run, stored_joints)
+    stored = stored_table(run, "joints")
     if stored is None:
-        return _concatenated([one.joint_table() for one in _measured(run, station)])
+        manifest = run.manifest
+        joints = [one.joint_table(manifest) for one in _measured(run, station)]
+        return _with_units(run, _concatenated(joints))
     return stored if station is None else stored.filter(pc.equal(stored["station"], station))
 
 
-def _stored(run: RunTables, read: Callable[[Path, str], T | None]) -> T | None:
-    """Return what `read` finds stored with a sealed run; None if there is none or it cannot be
-    read.
+def stored_table(run: RunTables, name: str) -> pa.Table | None:
+    """Return a derived table of a sealed run from its folder; None if there is none, or it is of
+    another run or other methods.
     """
     try:
         if not run.manifest.is_sealed:
             return None
-        return read(run.folder, manifest_sha256(run.folder))
+        return derived_table(run.folder, name, manifest_sha256(run.folder))
     except RecordError:
         return None
 
 
-def joints_frame(joints: pa.Table) -> pd.DataFrame:
-    """Return a table of joints as a DataFrame."""
-    return frame(joints).astype({"fed": "boolean"})
-
-
-def joints_and_metrics(
-    run: RunTables,
-) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
-    """Return joints, rows of `metrics_of` and joint parameters of each port, from one pass over the
-    samples.
+class Measures(NamedTuple):
+    """Joints, metrics and joint parameters of each port of a run.
 
     The parameters are those of the recipe's `[joints]`, completed by those learnt from the run.
+    `doubtful`: ports with tips that worked and whose number of joints is not known even where all
+    was read;
+    `with_joints`: ports with tips.
+    """
+
+    joints: pa.Table
+    metrics: list[MetricRow]
+    parameters: list[dict[str, object]]
+    doubtful: frozenset[PortKey]
+    with_joints: frozenset[PortKey]
+
+
+def joints_and_metrics(run: RunTables) -> Measures:
+    """Return joints, metrics and parameters from one pass over the samples. Raises
+    `RecordError`.
     """
     joints: list[pa.Table] = []
-    metrics: list[dict[str, object]] = []
+    metrics: list[MetricRow] = []
     parameters: list[dict[str, object]] = []
+    doubtful: set[PortKey] = set()
+    with_joints: set[PortKey] = set()
+    manifest = run.manifest
     for one in _measured(run, None):
-        joints.append(one.joint_table())
-        metrics += map(asdict, one.metric_rows())
-        if one.measured.found is not None:
-            parameters.append(
-                {"station": one.facts.name, "port": one.port, **asdict(one.measured.found.settings)}
-            )
+        joints.append(one.joint_table(manifest))
+        metrics += one.metric_rows()
+        found = one.measured.found
+        if found is None:
+            continue
+        place = one.facts.name, one.port
+        parameters.append({"station": place[0], "port": place[1], **asdict(found.settings)})
+        with_joints.add(place)
+        working = {figure.name: figure.n for figure in one.measured.figures}[POWER_AT_WORK]
+        if found.why is not None and working:
+            doubtful.add(place)
     pa.default_memory_pool().release_unused()
-    return _concatenated(joints), metrics, parameters
+    table = _with_units(run, _concatenated(joints))
+    return Measures(table, metrics, parameters, frozenset(doubtful), frozenset(with_joints))
+
+
+def _with_units(run: RunTables, joints: pa.Table) -> pa.Table:
+    """Return the joints with the serial of the unit in which each begins, null if not known."""
+    if not joints.num_rows:
+        return joints
+    serials = run.unit_at(pd.Series(joints["start"].to_pandas()))
+    place = joints.schema.get_field_index("unit")
+    return joints.set_column(place, joints.schema.field(place), pa.array(serials, TEXT))
 
 
 def definitions() -> pd.DataFrame:
-    """Return the definition of each metric: `metric`, `unit`, `definition`, `applies_to`."""
-    rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in DEFINITIONS]
-    return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
+    """Return the definition of each metric: `metric`, `uom`, `definition`, `applies_to`."""
+    rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in METRICS.values()]
+    return pd.DataFrame(rows, columns=["metric", "uom", "definition", "applies_to"])
 
 
 def _parameters(run: RunTables, facts: StationFacts) -> JointOptions:
@@ -174,17 +215,23 @@ def _parameters(run: RunTables, facts: StationFacts) -> JointOptions:
 
 def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
     """Measure each port of each station, or of one station, in order."""
-    selected = [facts for facts in run.stations if station in (None, facts.name)]
-    for with_feeder, stations in groupby(selected, has_feeder):
-        if with_feeder:
-            every = run.settings(), _feeders_counters(run)
-            for facts in stations:
-                yield from _as_a_whole(
-                    run, facts, *(table[table["station"] == facts.name] for table in every)
-                )
-        else:
-            for some in at_once(list(stations), lambda facts: len(facts.ports), MOST_PORTS):
-                yield from _in_windows(run, some)
+    settings = run.settings()
+    counters: pd.DataFrame | None = None
+    samples = run.samples_by_port(COLUMNS)
+    steps = steps_in(run.groups("events", STEP_COLUMNS))
+    for facts in run.stations:
+        if station not in (None, facts.name):
+            continue
+        own_settings = settings[settings["station"] == facts.name]
+        for port in facts.ports:
+            reader = PortReader(facts, port, samples, steps, run.manifest.t0_utc_us)
+            if not has_feeder(facts):
+                yield _in_windows(run, facts, port, reader, own_settings)
+                continue
+            if counters is None:
+                counters = _feeders_counters(run)
+            is_own = (counters["station"] == facts.name) & (counters["port"] == port)
+            yield _as_a_whole(run, facts, port, reader, own_settings, counters[is_own])
 
 
 def _feeders_counters(run: RunTables) -> pd.DataFrame:
@@ -202,93 +249,41 @@ def _feeders_counters(run: RunTables) -> pd.DataFrame:
 
 
 def _as_a_whole(
-    run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame
-) -> Iterator[MeasuredPort]:
-    """Measure the ports of a station with a feeder."""
-    for port, series, wire, utc_us in _whole_ports(run, facts, settings, counters):
-        measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
-        edges = np.searchsorted(series.moments, _edges(measured.joints) - 1e-6)
-        places = np.clip(edges, 0, len(series.seconds) - 1)
-        yield MeasuredPort(facts, port, measured, utc_us[places])
+    run: RunTables,
+    facts: StationFacts,
+    port: int,
+    reader: PortReader,
+    settings: pd.DataFrame,
+    counters: pd.DataFrame,
+) -> MeasuredPort:
+    """Measure a port with a feeder."""
+    series, utc_us = reader.whole()
+    clock = reader.clock()
+    cycles = _cycles(counters, utc_us, series.moments)
+    series = replace(series, ordered_s=_ordered_s(facts, settings, port, clock), cycles=cycles)
+    wire = _wire(counters, settings, clock)
+    measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
+    edges = np.searchsorted(series.moments, _edges(measured.joints) - 1e-6)
+    places = np.clip(edges, 0, len(series.seconds) - 1)
+    return MeasuredPort(facts, port, measured, utc_us[places])
 
 
-def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[MeasuredPort]:
-    """Measure the ports of stations without a feeder, holding at most one window of each in
-    memory.
-    """
-    reader = port_reader(run, stations)
-    measuring: dict[PortKey, PortMeasuring] = {}
-    every_setting = run.settings()
-    for facts in stations:
-        settings = every_setting[every_setting["station"] == facts.name]
-        parameters = _parameters(run, facts)
-        for port in facts.ports:
-            ordered_s = _ordered_s(facts, settings, port, reader.clock((facts.name, port)))
-            like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)
-            measuring[facts.name, port] = PortMeasuring(kind_of(facts), like, parameters)
+def _in_windows(
+    run: RunTables, facts: StationFacts, port: int, reader: PortReader, settings: pd.DataFrame
+) -> MeasuredPort:
+    """Measure a port without a feeder."""
+    ordered_s = _ordered_s(facts, settings, port, reader.clock())
+    like = replace(reader.like(), ordered_s=ordered_s)
+    measuring = PortMeasuring(kind_of(facts), like, _parameters(run, facts))
     reader.sweep(measuring)
-    measured = {key: measuring.pop(key).measured for key in [*measuring]}
-    pa.default_memory_pool().release_unused()
-    edges_us = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
-    for facts in stations:
-        for port in facts.ports:
-            yield MeasuredPort(
-                facts, port, measured.pop((facts.name, port)), edges_us.pop((facts.name, port))
-            )
-
-
-def port_reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
-    """Return a reader of the rows of all ports of these stations. Raises `RecordError`."""
-    steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
-    is_sealed = run.manifest.is_sealed  # else rows move from the live store to a part
-    return PortReader(
-        stations,
-        lambda columns: run.groups("samples", columns, coded=True),
-        steps,
-        run.manifest.t0_utc_us,
-        MOST_ROWS,
-        (lambda columns, wanted: run.groups("samples", columns, coded=True, wanted=wanted))
-        if is_sealed
-        else None,
-    )
-
-
-def clock_steps(run: RunTables) -> list[Step]:
-    """Return the steps that the run's times follow; unlike `steps_of`, also for a run that is not
-    sealed.
-    """
-    events = run.events()
-    is_step = (events["kind"] == "clock.step") & events["value"].notna() & events["raw"].isna()
-    steps = events[is_step]
-    return [
-        Step(time / 1e6, value)
-        for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)
-    ]
+    measured = measuring.measured
+    return MeasuredPort(facts, port, measured, reader.utc_us(_edges(measured.joints)))
 
 
 def _edges(joints: Sequence[Joint]) -> Floats:
     """Return start and end of each joint in s, alternating."""
     edges = [floats_of(joints, name) for name in ("start_s", "end_s")]
     return np.array(edges, dtype=np.float64).ravel(order="F")
-
-
-def _whole_ports(
-    run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame
-) -> Iterator[tuple[int, Series, Wire, Counts]]:
-    """Yield, for a station with a feeder, each port's number, all its rows, the feeder's counter,
-    and the UTC of the rows.
-    """
-    reader = port_reader(run, [facts])
-    for key, (series, utc_us) in reader.whole().items():
-        port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
-        cycles = _cycles(counted, utc_us, series.moments)
-        ordered_s = _ordered_s(facts, settings, port, clock)
-        yield (
-            port,
-            replace(series, ordered_s=ordered_s, cycles=cycles),
-            _wire(counted, settings, clock),
-            utc_us,
-        )
 
 
 def _ordered_s(
@@ -345,7 +340,7 @@ def _concatenated(joints: list[pa.Table]) -> pa.Table:
     return pa.table(whole, schema=JOINTS_SCHEMA)
 
 
-def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array]:
+def _columns(one: MeasuredPort, run: Manifest) -> Iterator[Sequence[object] | Counts | pa.Array]:
     """Yield the columns of a port's joints in the order of the table."""
     joints, rated_w = one.measured.joints, one.facts.rated_power_w
     number_why = one.measured.number_why
@@ -364,13 +359,16 @@ def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array
         return _rounded(floats_of(joints, "energy") * watts / 1000)
 
     others: dict[str, Callable[[], Sequence[object] | Counts | pa.Array]] = {
+        "run": lambda: [run.run] * len(joints),
         "station": lambda: [one.facts.name] * len(joints),
         "port": lambda: [one.port] * len(joints),
         "joint": lambda: range(1, len(joints) + 1),
         "start": lambda: one.edges_us[::2],
-        "end": lambda: one.edges_us[1::2],
+        "stop": lambda: one.edges_us[1::2],
         "start_s": lambda: floats("start_s", 6),
-        "end_s": lambda: floats("end_s", 6),
+        "stop_s": lambda: floats("end_s", 6),
+        "unit": lambda: pa.nulls(len(joints), TEXT),
+        "tip": lambda: [run.metadata.tip(one.facts.name, one.port)] * len(joints),
         "touches": lambda: column_of(joints, "contacts"),
         "dwell_s": dwells,
         "why": lambda: [why or number_why for why in column_of(joints, "why")],

@@ -2,65 +2,68 @@
 in pieces.
 
 Also reads a run that is being recorded or was cut off by a crash: Parquet parts first, then the
-rows that only the live store has.
+rows that only the journal has.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
+from numbers import Real
 from pathlib import Path
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.capture_rows import LinkRow
+from jbclog.analysis.event_kinds import of_kind
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.rows import SCHEMA_VERSION, StationFacts
+from jbclog.core.locks import is_held
+from jbclog.core.rows import SCHEMA_VERSION, TABLES, StationFacts
 from jbclog.core.text import shortened, warn
 from jbclog.record.annotations import late_serials
-from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.clock_steps import COLUMNS as STEP_COLUMNS
 from jbclog.record.clock_steps import HostClock, steps_in
 from jbclog.record.conclude import known_stations
+from jbclog.record.damage import summary_of
+from jbclog.record.journal_reader import Journal, refuse_old_store
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, SealedFile, read_manifest
 from jbclog.record.part_file import open_part
 from jbclog.record.parts import (
-    NO_SEALS,
     Seals,
-    Wanted,
     groups_of,
     part_paths,
-    parts_through,
-    summary_of,
 )
-from jbclog.record.schema import SCHEMAS, lacking_in
+from jbclog.record.samples_by_port import KEY, SamplesByPort, samples_by_port
+from jbclog.record.schema import CAPTURE, RUN, SCHEMAS, SEQ, lacking_in
 from jbclog.record.sealed_files import expect_manifest_unchanged, seals_of
-from jbclog.record.store import segments
-from jbclog.record.store_reader import StoreReader
+from jbclog.record.segments import segments
 from jbclog.record.units import BEGIN, COLUMNS, END, only_unit, units_in
+from jbclog.record.wire_recorder import RUN as HEAD
 
-Moment = str | datetime | pd.Timestamp
-"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC if without a
-zone.
+Moment = str | date | np.datetime64
+"""A time: a string such as ``2026-11-21T01:30`` or ``2026-11-21`` (0:00), a date, datetime or
+Timestamp; UTC if without a zone. A time without a date is refused.
 """
 
 Times = Sequence[object] | pd.Series | pd.DatetimeIndex
 """UTC moments: Timestamps, datetimes, or strings with a zone."""
 
-HELD_ROWS: Final = 500_000  # rows of a live store in memory at once
 # bytes of events, settings or counters: half a million events, more than a million counters
 MOST_WHOLE: Final = {"events": 128 << 20, "settings": 32 << 20, "counters": 128 << 20}
 MOST_SAID: Final = 2000  # characters of a warning
 CLOCKS: Final = ("run", "wall")
+UNTIL: Final = "until"
+"""Key of a DataFrame's `attrs`: until when a run that is not sealed was read."""
+AS_READ, IN_FORCE = "as read", "in force"
+SETPOINTS: Final = (AS_READ, IN_FORCE)
 LEFT_OUT: Final = (
-    "These rows are left out; `jbclog recover` finishes the run and keeps its live store in"
+    "These rows are left out; `jbclog recover` finishes the run and keeps the damaged segment in"
     " damaged/."
 )
 
@@ -75,8 +78,6 @@ class Selection:
     port: int | None = None
     start: pd.Timestamp | None = None
     stop: pd.Timestamp | None = None
-    coded: bool = False  # texts may be returned as dictionaries
-    wanted: Wanted | None = None  # sealed row groups to read; None: all
     # gets a sentence for each damaged row group, which is left out; None: damage is an error
     on_damage: Callable[[str], None] | None = None
 
@@ -128,7 +129,11 @@ def select(
     start: Moment | None = None,
     stop: Moment | None = None,
 ) -> Selection:
-    """Return a selection with its times in UTC. Raises `UsageError` for an unknown column."""
+    """Return a selection with its times in UTC. Raises `UsageError` for an unknown table or
+    column.
+    """
+    if table not in SCHEMAS:
+        raise UsageError(f"there is no table {table!r}; there are {', '.join(TABLES)}")
     names = SCHEMAS[table].names
     unknown = [name for name in columns or () if name not in names]
     if unknown:
@@ -139,17 +144,30 @@ def select(
 
 
 def utc(moment: Moment | None) -> pd.Timestamp | None:
-    """Return a time in UTC; a time without a zone is UTC."""
+    """Return a time in UTC; a time without a zone is UTC. Raises `UsageError` for what is no time
+    with a date.
+    """
     if moment is None:
         return None
-    stamp = pd.Timestamp(moment)
-    return stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
+    try:
+        stamp = pd.Timestamp(datetime.fromisoformat(moment) if isinstance(moment, str) else moment)
+        stamp = stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
+        stamp = stamp.floor("us").as_unit("us")
+        is_time = isinstance(moment, str | date | np.datetime64) and not pd.isna(stamp)
+    except (ValueError, TypeError, OverflowError):
+        is_time = False
+    if not is_time:
+        raise UsageError(
+            f"{str(moment)[:64]!r} is no time with a date; write 2026-11-21, 2026-11-21T20:22 (UTC)"
+            " or 2026-11-21T20:22+01:00"
+        )
+    return stamp
 
 
 def _micros_of(moment: Moment) -> int:
     stamp = utc(moment)
     assert stamp is not None
-    return int(stamp.as_unit("ns").value // 1000)
+    return _number(stamp)
 
 
 def frame(table: pa.Table) -> pd.DataFrame:
@@ -161,9 +179,12 @@ def frame(table: pa.Table) -> pd.DataFrame:
 
 def arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
     """Return a time as an Arrow scalar of the type of the tables' times."""
-    return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(
-        pa.timestamp("us", tz="UTC")
-    )
+    return pa.scalar(_number(stamp), pa.int64()).cast(pa.timestamp("us", tz="UTC"))
+
+
+def _number(stamp: pd.Timestamp) -> int:
+    """Return UTC microseconds since 1970; `Timestamp.value` is in ns, until the year 2262."""
+    return int(stamp.asm8.astype("datetime64[us]").astype(np.int64))
 
 
 def _time_bounds(
@@ -191,6 +212,20 @@ def _time_bounds(
 def _bounds_in(times: pa.ChunkedArray) -> tuple[int, int] | None:
     bounds = pc.min_max(times.cast(pa.int64())).as_py()
     return None if bounds["min"] is None else (bounds["min"], bounds["max"])
+
+
+class _Snapshot(NamedTuple):
+    """The parts of a table, with their entries in the manifest of a sealed run, and the rows that
+    are in none of them.
+    """
+
+    parts: list[Path]
+    seals: Seals
+    newest: Iterator[pa.Table]
+
+
+class NoPlace(UsageError):
+    """A station or port that a run does not have."""
 
 
 class RunTables:
@@ -237,36 +272,38 @@ class RunTables:
         manifest = self.manifest
         if manifest.is_sealed:
             return manifest.stations
-        with StoreReader(self.folder) as store:
-            # after the store: a run sealed in between has them in its manifest
+        with Journal(self.folder) as journal:
+            # after the journal: a run sealed in between has them in its manifest
             manifest = self.manifest
             known = manifest.stations
-            return known if manifest.is_sealed else known_stations(store, known)
+            return known if manifest.is_sealed else known_stations(journal, known)
 
     @property
     def duration(self) -> pd.Timedelta | None:
         """Time from start to end; None without an end. Raises `RecordError`."""
         manifest = self.manifest
-        if manifest.started is None or manifest.ended is None:
+        if manifest.start is None or manifest.stop is None:
             return None
-        return pd.Timestamp(manifest.ended) - pd.Timestamp(manifest.started)
+        return pd.Timestamp(manifest.stop) - pd.Timestamp(manifest.start)
 
     def expect_place(self, station: str | None, port: int | None = None) -> None:
-        """Raise `UsageError` if the run does not have this station or port.
+        """Raise `UsageError` if the run does not have this station or port, or `port` is no number.
 
         An empty table would read as if nothing was recorded.
         """
+        if port is not None and not isinstance(port, Real):
+            raise UsageError(f"port must be a number, such as 1 (got {port!r})")
         if station is None and port is None:
             return
         stations = self.stations
         names = [facts.name for facts in stations]
         if station is not None and names and station not in names:
-            raise UsageError(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
+            raise NoPlace(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
         ports = sorted(
             {one for facts in stations if station in (None, facts.name) for one in facts.ports}
         )
         if port is not None and ports and port not in ports:
-            raise UsageError(
+            raise NoPlace(
                 f"{station or self.name} has no port {port}; it has {', '.join(map(str, ports))}"
             )
 
@@ -297,19 +334,29 @@ class RunTables:
         columns: Sequence[str] | None = None,
         *,
         clock: str = "run",
+        setpoint: str = AS_READ,
     ) -> pd.DataFrame:
-        """Return a row for each tick, station and port, in recording order.
+        """Return a row for each tick, station and port.
 
-        `start` is included, `stop` is not. A value that was not read is missing, and `reasons` has
-        the cause. Times are by the run's clock, which never jumps; with ``clock="wall"``, `start`
-        and `stop` too are by the host's, with its steps (docs/reference/tables.md). Raises
-        `UsageError` for an unknown station, port, column or clock, `RecordError` for a record that
-        cannot be read.
+        - The rows of a port come in order. Those of several ports come as they are stored: part by
+          part, in each port by port; then the newest of a run in progress, as recorded. `seq` has
+          the order in which they were recorded.
+        - `start` is included, `stop` is not. A date is its 0:00; a time without a zone is UTC, one
+          without a date is refused.
+        - A value that was not read is missing, and `reasons` has the cause.
+        - Times are by the run's clock, which never jumps; with ``clock="wall"``, `start` and `stop`
+          too are by the host's, with its steps (docs/reference/tables.md).
+        - `setpoint_c` is read every 5 s and missing between. With ``setpoint="in force"`` it is the
+          one last read from this port, for at most 15 s, as in verdict, joints and metrics.
+
+        Raises `UsageError` for an unknown station, port, column, clock, setpoint or time,
+        `RecordError` for a record that cannot be read.
         """
-        if clock not in CLOCKS:
-            raise UsageError(f"clock {clock!r}: must be {' or '.join(CLOCKS)}")
+        _expect_word("clock", clock, CLOCKS)
+        _expect_word("setpoint", setpoint, SETPOINTS)
         selection = self._select("samples", station, port, start, stop, columns)
-        return self._frame(selection) if clock == "run" else self._by_host(selection)
+        read = self._frame if setpoint == AS_READ else self._in_force
+        return read(selection) if clock == "run" else self._by_host(selection, read)
 
     def host_time(self, moment: Moment) -> pd.Timestamp:
         """Return the host's time at a moment of the run. Raises `RecordError`."""
@@ -322,9 +369,28 @@ class RunTables:
         return pd.Timestamp(micros, unit="us", tz=UTC)
 
     def _host_clock(self) -> HostClock:
-        return HostClock(steps_in(self.groups("events", STEP_COLUMNS)), self.manifest.started)
+        return HostClock(steps_in(self.groups("events", STEP_COLUMNS)), self.manifest.start)
 
-    def _by_host(self, wanted: Selection) -> pd.DataFrame:
+    def _in_force(self, wanted: Selection) -> pd.DataFrame:
+        """Return the selected samples with the setpoint in force; also from rows before them."""
+        from jbclog.analysis.clock_steps import steps_in as followed_steps
+        from jbclog.analysis.setpoints import BEFORE, NEEDED, with_setpoint_in_force
+
+        columns = list(dict.fromkeys([*wanted.columns, *NEEDED]))
+        start = wanted.start
+        before = None if start is None else start - BEFORE
+        rows = self._frame(replace(wanted, columns=columns, start=before))
+        periods = {facts.name: facts.period_s for facts in self.stations}
+        events = self.groups("events", STEP_COLUMNS)
+        followed = followed_steps(events)
+        rows = with_setpoint_in_force(rows, periods, followed, self.manifest.t0_utc_us)
+        if start is not None:
+            rows = rows[rows["time"] >= start].reset_index(drop=True)
+        return rows[list(wanted.columns)]
+
+    def _by_host(
+        self, wanted: Selection, read: Callable[[Selection], pd.DataFrame]
+    ) -> pd.DataFrame:
         host = self._host_clock()
         most = pd.Timedelta(max(host.offsets_us), "us")
         least = pd.Timedelta(min(host.offsets_us), "us")
@@ -335,7 +401,7 @@ class RunTables:
             start=None if start is None else start - most,
             stop=None if stop is None else stop - least,
         )
-        rows = self._frame(around)
+        rows = read(around)
         segments = np.searchsorted(host.from_us, rows["time"].astype("int64"), side="right")
         offsets = pd.to_timedelta(np.array(host.offsets_us)[segments], "us").as_unit("us")
         rows["time"] = rows["time"] + offsets
@@ -354,55 +420,68 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows), none
-        empty.
+        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows, those of
+        a port in an hour at 10 Hz), none empty.
 
-        Keeps no piece, so a month of 32 stations takes no more memory than an hour. Raises as
-        `samples`.
+        The order is that of `samples`. Keeps no piece, so a month of 32
+        stations takes no more memory than an hour. Raises as `samples`.
         """
         selection = self._select(table, station, port, start, stop, columns)
         return (frame(piece) for piece in self._groups(selection) if piece.num_rows)
 
     def events(
-        self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None
+        self,
+        station: str | None = None,
+        port: int | None = None,
+        start: Moment | None = None,
+        stop: Moment | None = None,
+        *,
+        kind: str | None = None,
     ) -> pd.DataFrame:
-        """Return the event log, oldest first. Raises as `samples`."""
-        return self._frame(self._select("events", station, start=start, stop=stop))
+        """Return the event log, oldest first.
 
-    def settings(self, station: str | None = None) -> pd.DataFrame:
-        """Return the result of each setting, as text in its unit. Raises as `samples`."""
-        return self._frame(self._select("settings", station))
+        `kind`: a kind of docs/reference/events.md, such as ``link.lost``; ``*`` stands for any
+        characters (``alarm.*``). With a `port` events of the whole station are left out. Raises as
+        `samples`, and `UsageError` for a kind that no event has.
+        """
+        events = self._frame(self._select("events", station, port, start, stop))
+        return events if kind is None else of_kind(events, kind)
 
-    def counters(self, station: str | None = None) -> pd.DataFrame:
+    def settings(self, station: str | None = None, port: int | None = None) -> pd.DataFrame:
+        """Return the result of each setting, as text in its unit. Raises as `samples`.
+
+        With a `port` settings of the whole station are left out.
+        """
+        return self._frame(self._select("settings", station, port))
+
+    def counters(self, station: str | None = None, port: int | None = None) -> pd.DataFrame:
         """Return the readings of the stations' counters. Raises as `samples`.
 
-        A failed reading has no value, and the cause in `raw`.
+        A failed reading has no value, and the cause in `raw`. With a `port` counters of the whole
+        station are left out.
         """
-        return self._frame(self._select("counters", station))
+        return self._frame(self._select("counters", station, port))
 
     def wire(self, station: str) -> pd.DataFrame:
         """Return the serial capture of a station, oldest first: `time`, `what`, `data` (bytes),
         `text`.
 
-        Skips damaged stretches with a warning for each. Raises `UsageError` for an unknown station,
-        `RecordError` for a run recorded without `--capture`.
+        Of a run that is recorded, it has the rows that are sealed. Raises `UsageError` for an
+        unknown station, `RecordError` for a run recorded without `--capture`.
         """
-        path = wire_path(self.folder, station)
-        if not path.is_file():
-            self.expect_place(station)
+        self.expect_place(station)
+        columns = ["time", "what", "data", "text", "request"]
+        pieces = [*self._groups(select(CAPTURE, columns, station))]
+        if not any(piece.num_rows for piece in pieces):
             raise RecordError(
                 f"{self.folder}: no serial capture of {station}; `jbclog run --capture` records one"
             )
-        head = read_head(path)
-        rows = [*rows_and_holes(path)]
-        passed = [row for row in rows if isinstance(row, LinkRow)]
-        for hole in (row for row in rows if isinstance(row, Hole)):
-            warn(f"{path}: {hole.describe(head)}")
-        table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])
-        micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
-        return table.assign(
-            time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC")
-        )
+        rows = pa.concat_tables(pieces)
+        is_of_link = pc.and_(pc.is_null(rows["request"]), pc.not_equal(rows["what"], HEAD))
+        rows = rows.filter(is_of_link).drop_columns("request")
+        table = frame(rows)
+        data = [value or b"" for value in rows["data"].to_pylist()]
+        return table.assign(data=data, text=table["text"].fillna(""))
 
     def unit_at(self, times: Times) -> pd.Series:
         """Return the serial of the unit on the bench at each of `times`; missing if not known.
@@ -425,8 +504,8 @@ class RunTables:
         )
         return pd.Series(serials[places], index=micros.index, dtype="string")
 
-    def units(self) -> pd.DataFrame:
-        """Return a row for each unit: `unit` (serial), `begin` and `end` in UTC, missing if not
+    def unit_times(self) -> pd.DataFrame:
+        """Return a row for each unit: `unit` (serial), `start` and `stop` in UTC, missing if not
         known.
 
         Units whose serials were read come first, a row for each stay on the bench, then units that
@@ -438,18 +517,18 @@ class RunTables:
         named = [
             one
             for one in dict.fromkeys([*manifest.metadata.units, *late])
-            if one not in {unit.serial for unit in read}
+            if one not in {unit.unit for unit in read}
         ]
         if not read and only_unit(named, []) is not None:
-            rows = [(named[0], manifest.started, manifest.ended)]
+            rows = [(named[0], manifest.start, manifest.stop)]
         else:
-            rows = [(one.serial, one.begin, one.end) for one in read] + [
+            rows = [(one.unit, one.start, one.stop) for one in read] + [
                 (one, None, None) for one in named
             ]
-        table = pd.DataFrame(rows, columns=["unit", "begin", "end"]).astype({"unit": "string"})
+        table = pd.DataFrame(rows, columns=["unit", "start", "stop"]).astype({"unit": "string"})
         times = {
             name: pd.to_datetime(table[name], utc=True, format="ISO8601").dt.as_unit("us")
-            for name in ("begin", "end")
+            for name in ("start", "stop")
         }
         return table.assign(**times)
 
@@ -461,19 +540,46 @@ class RunTables:
         table: str,
         columns: list[str],
         *,
-        coded: bool = False,
-        wanted: Wanted | None = None,
         on_damage: Callable[[str], None] | None = None,
     ) -> Iterator[pa.Table]:
-        """Yield the rows of a table in order, one row group at a time, those of the live store
-        last.
+        """Yield the rows of a table as they are stored, one row group at a time, those of the live
+        store last. Samples of a part are sorted by station, port and tick.
 
-        `coded`: texts of sealed rows come as dictionaries, in half the time. `wanted`: row groups
-        of a sealed run that must be included; others may be left out. `on_damage` gets a sentence
-        for each damaged row group, which is left out; without it, damage raises `RecordError`.
+        `on_damage` gets a sentence for each damaged row group, which is left out; without it,
+        damage raises `RecordError`.
         """
         selection = select(table, columns)
-        return self._groups(replace(selection, coded=coded, wanted=wanted, on_damage=on_damage))
+        return self._groups(replace(selection, on_damage=on_damage))
+
+    def samples_by_port(self, columns: Sequence[str]) -> SamplesByPort:
+        """Return these columns of the samples port by port, in the order of the line file; of a run
+        that is not sealed those of the rows that are committed now. Raises `RecordError`.
+        """
+        selection = select("samples", list(dict.fromkeys([*KEY, *columns])))
+        with self._snapshot(selection) as snapshot:
+            newest = [*snapshot.newest]
+        order = [(facts.name, port) for facts in self.stations for port in facts.ports]
+        return samples_by_port(
+            self.folder,
+            selection.columns,
+            newest,
+            order,
+            parts=snapshot.parts,
+            seals=snapshot.seals,
+        )
+
+    def committed_until(self) -> pd.Timestamp | None:
+        """Return the time of the latest committed row of the samples of a run that is not sealed;
+        None without one. Raises `RecordError`.
+        """
+        if self.manifest.is_sealed:
+            return None
+        latest: list[int] = []
+        for rows in self.groups("samples", ["time"]):
+            bounds = _bounds_in(rows["time"])
+            if bounds is not None:
+                latest.append(bounds[1])
+        return pd.Timestamp(max(latest), unit="us", tz=UTC) if latest else None
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """Return the row groups of `groups` as a list."""
@@ -511,55 +617,64 @@ class RunTables:
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
-        """Yield row groups of the parts, then those of the live store; each is cut before the next
+        """Yield row groups of the parts, then the rows of the journal; each is cut before the next
         is read.
-
-        The order matters: first a snapshot of the store, then manifest and parts, so that no row
-        moves from store to parts unseen. A small store is read at once, because a snapshot held for
-        long makes the recorder's log grow.
         """
-        with ExitStack() as opened:
-            store = opened.enter_context(StoreReader(self.folder))
-            manifest = self.manifest
-            parts = part_paths(self.folder, selection.table)
-            seals: Seals = NO_SEALS
-            if manifest.is_sealed:
-                seals = seals_of(self.folder, manifest, selection.table, parts)
-            numbers = store.numbers_of(selection.table, parts_through(parts, seals))
-            live: Iterator[pa.Table] = (
-                selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers)
-            )
-            if store.rows <= HELD_ROWS:
-                live = iter([*live])
-                opened.close()
-            elif numbers:
-                self._say_once(
-                    f"{store.rows} rows in its live store are read now; this takes longer than from"
-                    " a sealed run"
-                )
-            sealed = [part for part in parts if selection.may_have(part, seals.get(part))]
-            if manifest.schema < SCHEMA_VERSION:
-                self._say_lacking(selection, sealed, seals)
+        with self._snapshot(selection) as snapshot:
+            seals = snapshot.seals
+            sealed = [part for part in snapshot.parts if selection.may_have(part, seals.get(part))]
             groups = groups_of(
                 sealed,
                 selection.needed,
-                coded=selection.coded,
-                wanted=selection.wanted,
+                station=selection.station,
+                port=selection.port,
                 seals=seals,
                 on_damage=selection.on_damage,
             )
             yield from map(selection.cut, groups)
-            yield from live
-        if store.damage:
-            self._say_once(
-                f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}"
-            )
+            yield from snapshot.newest
+
+    @contextmanager
+    def _snapshot(self, selection: Selection) -> Iterator[_Snapshot]:
+        """Yield the parts of a table, and the selected rows of the journal.
+
+        The order matters: the journal is opened first, then the manifest is read, so that no row
+        moves to parts unseen.
+        """
+        with Journal(self.folder, only_marked=self._is_recorded()) as journal:
+            manifest = self.manifest
+            seals: Seals
+            if manifest.is_sealed:
+                parts = part_paths(self.folder, selection.table)
+                seals = seals_of(self.folder, manifest, selection.table, parts)
+            else:
+                refuse_old_store(self.folder)
+                listed = journal.chain.of(selection.table)
+                seals = {self.folder / part.file.path: part.file for part in listed}
+                parts = list(seals)
+            if manifest.schema < SCHEMA_VERSION:
+                self._say_lacking(selection, parts, seals)
+            newest: Iterator[pa.Table] = iter(())
+            if not manifest.is_sealed:
+                pieces = journal.rows(selection.table)
+                newest = (selection.cut(piece.select(selection.needed)) for piece in pieces)
+            yield _Snapshot(parts, seals, newest)
+            damage = [] if manifest.is_sealed else journal.damage()
+        if damage:
+            self._say_once(f"{shortened('; '.join(summary_of(damage)), MOST_SAID)}. {LEFT_OUT}")
+
+    def _is_recorded(self) -> bool:
+        try:
+            return is_held(self.folder)
+        except OSError as error:
+            raise RecordError(f"{self.folder} cannot be read: {error}") from error
 
     def _say_lacking(self, selection: Selection, sealed: Sequence[Path], seals: Seals) -> None:
         """Say which columns the version that made the run did not record, if any is selected."""
         for part in sealed[:1]:
             with open_part(part, seals.get(part)) as file:
                 lacking = lacking_in(selection.table, file.schema.names)
+            lacking = [name for name in lacking if name not in (RUN, SEQ)]
             if any(name in selection.needed for name in lacking):
                 names = ", ".join(lacking)
                 self._say_once(
@@ -572,5 +687,12 @@ class RunTables:
             warn(f"{self.folder}: {text}")
 
 
+def _expect_word(what: str, word: str, words: Sequence[str]) -> None:
+    if word not in words:
+        raise UsageError(f"{what} {word!r}: must be {' or '.join(map(repr, words))}")
+
+
 def _micros(times: pd.Series) -> pd.Series:
+    if not pd.api.types.is_datetime64_any_dtype(times.dtype):
+        times = times.map(utc)
     return pd.to_datetime(times, utc=True).dt.as_unit("us").astype("int64")

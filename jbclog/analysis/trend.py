@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.analysis import spc
-from jbclog.analysis.metrics.definitions import DEFINITIONS
+from jbclog.analysis.derived_files import MetricRow
+from jbclog.analysis.metrics.measures import METRICS
 from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
-from jbclog.analysis.stored_tables import MetricRow
+from jbclog.analysis.spc.study import median_step
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text, exact
 from jbclog.record.find_runs import Copy, Found, copies_texts
@@ -43,7 +44,7 @@ class Point:
     """One run's value of the metric; None if its record has none, for the reason in `why`."""
 
     run: str
-    started: datetime | None
+    start: datetime | None
     value: float | None
     n: int
     coverage: float | None
@@ -58,7 +59,7 @@ class Trend:
     station: str
     port: int
     metric: str
-    unit: str
+    uom: str
     points: list[Point]
     chart: tuple[spc.Chart, spc.Chart] | spc.Refused
     capability: spc.Capability | spc.Refused | None
@@ -99,13 +100,11 @@ class Trend:
 
 def metric_unit(metric: str) -> str:
     """Return the unit of a metric. Raises `UsageError` for an unknown name, with suggestions."""
-    found = next((one.unit for one in DEFINITIONS if one.name == metric), None)
-    if found is None:
-        names = [one.name for one in DEFINITIONS]
+    if metric not in METRICS:
         raise UsageError(
-            f"there is no metric {not_a_metric(metric, names)} There are {', '.join(names)}"
+            f"there is no metric {not_a_metric(metric, METRICS)} There are {', '.join(METRICS)}"
         )
-    return found
+    return METRICS[metric].unit
 
 
 def not_a_metric(name: str, names: Iterable[str]) -> str:
@@ -121,7 +120,7 @@ def title_of(metric: str) -> str:
 
 def metric_text(metric: str) -> str:
     """Return the definition of a metric."""
-    return next(one.text for one in DEFINITIONS if one.name == metric)
+    return METRICS[metric].text
 
 
 def trends(
@@ -150,7 +149,9 @@ def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int
     """Return the points of each station and port, ordered by the starts of the runs."""
     found: dict[tuple[str, int], list[Point]] = {}
     names = {metric, SPREAD} if metric in MEANS else {metric}
-    measured = [(_started(run), run, rows) for run, rows in runs.metric_rows(station, names)]
+    measured: list[tuple[datetime | None, Found, list[MetricRow]]] = []
+    for run, rows in runs.metric_rows(station):
+        measured.append((_started(run), run, [row for row in rows if row.metric in names]))
     for started, run, rows in sorted(
         measured, key=lambda one: (one[0] or LATEST, one[1].folder.name)
     ):
@@ -177,9 +178,9 @@ def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:
 
 
 def _started(run: Found) -> datetime | None:
-    if run.started is None:
+    if run.start is None:
         return None
-    began = datetime.fromisoformat(run.started)  # a `Timestamp` is far slower
+    began = datetime.fromisoformat(run.start)  # a `Timestamp` is far slower
     return began.replace(tzinfo=UTC) if began.tzinfo is None else began.astimezone(UTC)
 
 
@@ -212,7 +213,7 @@ def _trend(
         for point in points
         if point.resolution is not None and point.value is not None
     ]
-    resolution = float(np.median(steps)) if steps else None
+    resolution = median_step(steps)
     chart = spc.control_chart(values, resolution=resolution)
     has_limits = lower is not None or upper is not None
     index = (

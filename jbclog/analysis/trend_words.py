@@ -34,7 +34,7 @@ def lines(trend: Trend) -> Iterator[str]:
         f" {len(trend.points)} runs"
     )
     spread = "" if trend.sd is None else f", sd {trend.sd:.3g}"
-    yield head if trend.mean is None else f"{head}, mean {trend.mean:.4g} {trend.unit}{spread}"
+    yield head if trend.mean is None else f"{head}, mean {trend.mean:.4g} {trend.uom}{spread}"
     yield from (f"  warning: {text}" for text in trend.warnings)
     yield f"  chart: {chart_text(trend)}"
     for run, why in trend.signals[:MOST]:
@@ -57,7 +57,7 @@ def chart_text(trend: Trend) -> str:
     values = trend.chart[0]
     return (
         f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g}"
-        f" {trend.unit}; {signals_text(trend.signals)}"
+        f" {trend.uom}; {signals_text(trend.signals)}"
     )
 
 
@@ -110,7 +110,7 @@ def facts(trend: Trend) -> dict[str, object]:
         "station": trend.station,
         "port": trend.port,
         "metric": trend.metric,
-        "unit": trend.unit,
+        "uom": trend.uom,
         "n": len(trend.values),
         "mean": trend.mean,
         "sd": trend.sd,
@@ -119,7 +119,7 @@ def facts(trend: Trend) -> dict[str, object]:
         "changes": trend.changes,
         "warnings": trend.warnings,
         "points": [
-            {**asdict(point), "started": point.started and point.started.isoformat()}
+            {**asdict(point), "start": point.start and point.start.isoformat()}
             for point in trend.points
         ],
     }
@@ -140,7 +140,7 @@ def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
         f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends
     )
     cells = [_cells(one, point) for one in trends for point in one.points]
-    heads = ("run", "started", "station", "port", "value", "unit", "n", "why there is no value")
+    heads = ("run", "started", "station", "port", "value", "uom", "n", "why there is no value")
     values = table(heads, cells)
     title = f"{text(title_of(metric).capitalize())} over {len({row[0] for row in cells})} runs"
     head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
@@ -152,9 +152,9 @@ def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
 
 
 def _cells(trend: Trend, point: Point) -> tuple[object, ...]:
-    started = None if point.started is None else f"{point.started:%Y-%m-%d %H:%M}"
+    start = None if point.start is None else f"{point.start:%Y-%m-%d %H:%M}"
     value = "" if point.value is None else f"{point.value:.4g}"
-    return (point.run, started, trend.station, trend.port, value, trend.unit, point.n, point.why)
+    return (point.run, start, trend.station, trend.port, value, trend.uom, point.n, point.why)
 
 
 def _shown(line: str) -> str:

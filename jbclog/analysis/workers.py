@@ -20,9 +20,9 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from jbclog import __version__
+from jbclog.analysis.derived_files import METHODS_TEXT
 from jbclog.analysis.opening import open_run
 from jbclog.analysis.run import Run
-from jbclog.analysis.stored_tables import METHODS_TEXT
 from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
 from jbclog.core.text import clean, shortened
 

@@ -67,7 +67,11 @@ def ask(
 
     Raises `PortBusy` naming the run that holds the port, and whatever the steps raise.
     """
-    _refuse_during_run(target)
+    try:
+        _refuse_during_run(target)
+    except BaseException:
+        steps.close()  # a coroutine that is dropped before it has begun would warn
+        raise
     only_reads = None if may_write else only_reads_for(target.family)
     try:
         return access.run(steps, lambda: _open(target, only_reads, access))

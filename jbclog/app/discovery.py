@@ -25,9 +25,9 @@ from jbclog.config.schema import name_problem
 from jbclog.core.errors import PortBusy
 from jbclog.core.serial_line import LineFormat
 from jbclog.record.port_owner import run_that_holds
-from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound
+from jbclog.session.discovery.port_scan import ScanControl, scan
 from jbclog.session.discovery.probe import is_harmless
-from jbclog.session.discovery.scan import ScanControl, scan
+from jbclog.session.discovery.scan_plan import PortReport, ScanPlan, StationFound
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.system_ports import lasting_name, processes_text, sharers_of
@@ -54,35 +54,35 @@ def search(
     `on_report` is called in this thread with each report as it is done. Ctrl-C ends all scans
     within one response time.
     """
-    dials = [ScanControl(plan.trials[0].line) for _, plan in wanted]
+    controls = [ScanControl(plan.trials[0].line) for _, plan in wanted]
     with ThreadPoolExecutor(
         max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan"
     ) as pool:
         scans = [
-            pool.submit(_scan, url, plan, dial, access)
-            for (url, plan), dial in zip(wanted, dials, strict=True)
+            pool.submit(_scan, url, plan, control, access)
+            for (url, plan), control in zip(wanted, controls, strict=True)
         ]
         try:
             for done in as_completed(scans):
                 on_report(done.result())
         except BaseException:
-            _stop(dials)
+            _stop(controls)
             raise
     return [one.result() for one in scans]
 
 
-def _stop(dials: Iterable[ScanControl]) -> None:
-    for dial in dials:
-        dial.stop = True
+def _stop(controls: Iterable[ScanControl]) -> None:
+    for control in controls:
+        control.stop = True
 
 
-def _scan(url: str, plan: ScanPlan, dial: ScanControl, access: PortAccess) -> PortReport:
+def _scan(url: str, plan: ScanPlan, control: ScanControl, access: PortAccess) -> PortReport:
     report = PortReport(url)
-    access.run(scan(plan, dial, report), lambda: _open(report, dial, access))
+    access.run(scan(plan, control, report), lambda: _open(report, control, access))
     return report
 
 
-def _open(report: PortReport, dial: ScanControl, access: PortAccess) -> Port:
+def _open(report: PortReport, control: ScanControl, access: PortAccess) -> Port:
     """Open a port for a scan: it passes harmless reads only, and counts them.
 
     A run keeps its stations also while a cable is out, and behind servers that accept a second
@@ -98,7 +98,7 @@ def _open(report: PortReport, dial: ScanControl, access: PortAccess) -> Port:
             sharers[0],
         )
     return _Counted(
-        ReadOnly(access.open_port(report.url, dial.line), is_harmless), report, dial.line
+        ReadOnly(access.open_port(report.url, control.line), is_harmless), report, control.line
     )
 
 
@@ -206,8 +206,8 @@ def _ports(found: StationFound) -> tuple[int, ...] | None:
     """Return the ports with a tool, because a run refuses a named port without one. If there is no
     tool at all, return those that answer.
     """
-    with_tool = tuple(port for port, tool in found.tools.items() if tool not in NO_TOOL)
-    return with_tool or tuple(found.tools) or None
+    with_tool = tuple(port for port, tool in found.tool_names.items() if tool not in NO_TOOL)
+    return with_tool or tuple(found.tool_names) or None
 
 
 def lasting_url(url: str) -> str:
@@ -221,7 +221,7 @@ def _description(report: PortReport, found: StationFound) -> str:
         or (found.family.title if found.family else "a station that does not report its model")
     ]
     parts += [f"software {found.software}"] if found.software else []
-    parts += [f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items()]
+    parts += [f"port {port} {tool or 'unknown tool'}" for port, tool in found.tool_names.items()]
     lines = [", ".join(parts)]
     lines += ["The server sets the line format."] if report.url.startswith("socket:") else []
     faster = found.turnaround.faster if found.turnaround else None

@@ -27,7 +27,7 @@ from jbclog.guard.open_leases import LIST_STEP, about_list
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
-from jbclog.session.discovery.found import (
+from jbclog.session.discovery.scan_plan import (
     ADDRESSES,
     BY_SERVER,
     USUAL,
@@ -107,7 +107,7 @@ def look_at_memory() -> Fine:
 
 # -- disk ------------------------------------------------------------------------------------------
 
-LEAST_FREE = 500_000_000  # bytes: some days of a few stations, live stores included
+LEAST_FREE = 500_000_000  # bytes: some days of a few stations, journals included
 PROBE_BYTES = 4096
 
 
@@ -364,7 +364,9 @@ def _text(found: StationFound) -> str:
     who = found.model or (found.family.title if found.family else "a station")
     speed = f" in {found.turnaround.median_ms:.1f} ms" if found.turnaround else ""
     speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
-    tools = "; ".join(f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items())
+    tools = "; ".join(
+        f"port {port} {tool or 'unknown tool'}" for port, tool in found.tool_names.items()
+    )
     addressing = f", {found.addressing}" if found.has_robot_mode else ""
     mode = "; Robot mode is not known until the first write" if found.has_robot_mode else ""
     return (
@@ -446,9 +448,9 @@ def _family(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding |
 def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanFinding]:
     """Find ports that a run needs and that have no tool or do not exist."""
     printed = found.family and found.family.ports
-    wanted = spec.ports or printed or tuple(found.tools)
-    missing = [port for port in wanted if port not in found.tools] if found.tools else []
-    empty = [port for port in wanted if found.tools.get(port) == NO_TOOL]
+    wanted = spec.ports or printed or tuple(found.tool_names)
+    missing = [port for port in wanted if port not in found.tool_names] if found.tool_names else []
+    empty = [port for port in wanted if found.tool_names.get(port) == NO_TOOL]
     rest = [port for port in wanted if port not in (*missing, *empty)]
     keys = f"ports = {rest}" if rest else "ports = [...] to those that it has"
     if missing:

@@ -20,9 +20,10 @@ from typing import Final
 from pyarrow import ArrowException
 from pyarrow.parquet import read_metadata
 
-from jbclog.core.durable_files import sha256
+from jbclog.core.chain import sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.files import MIB, Kind, open_regular, read_regular
+from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import count_text
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
@@ -30,7 +31,7 @@ from jbclog.record.chains import short_head
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, SealedFile, read_manifest
-from jbclog.record.published import DERIVED, Stored, Tree, explained, key_of
+from jbclog.record.published import MADE_LATER, Stored, Tree, explained, key_of
 from jbclog.record.sealed_files import expect_manifest_unchanged
 
 NOTHING: Final = "; nothing was published"
@@ -126,10 +127,16 @@ class _Run:
                 f"{folder}: is not sealed: it is being recorded, or it crashed; then run `jbclog"
                 f" recover`{NOTHING}"
             )
+        if self.manifest.schema < SCHEMA_VERSION:
+            raise RecordError(
+                f"{folder}: has the tables of schema {self.manifest.schema}, whose columns have"
+                f" other names, and readers of the plant's tables would stop{NOTHING}; read the run"
+                " from its folder"
+            )
         expect_manifest_unchanged(folder)
         self.data = _content(folder / MANIFEST, Kind.MANIFEST)
         self.name = self.manifest.run
-        names = (*(file.path for file in self.manifest.files), *DERIVED)
+        names = (*(file.path for file in self.manifest.files), *MADE_LATER)
         self.theirs = tree.read(key_of(self.name, MANIFEST))
         self.stored: dict[str, Stored] = tree.stored(key_of(self.name, name) for name in names)
 
@@ -178,7 +185,7 @@ class _Run:
         """Yield the files made after sealing that are not published, or older there."""
         if self._has_new_annotations():
             yield ANNOTATIONS
-        for name in DERIVED:
+        for name in MADE_LATER:
             path, there = self.folder / name, self.stored.get(key_of(self.name, name))
             if not path.is_file() or path.is_symlink() or not _is_whole(path):
                 continue

@@ -135,11 +135,11 @@ def _acknowledged(one: Figures) -> str:
 
 
 def _long(seconds: float) -> str:
-    """Return ``12 s``, ``8.5 min``, ``31 h``."""
-    return (
-        f"{seconds:.3g} s"
-        if seconds < 99.5
-        else f"{seconds / 60:.2g} min"
-        if seconds < 5940
-        else f"{seconds / 3600:.3g} h"
-    )
+    """Return ``12 s``, ``8.5 min``, ``31 h``, ``69 days``."""
+    if seconds < 99.5:
+        return f"{seconds:.3g} s"
+    if seconds < 5940:
+        return f"{seconds / 60:.2g} min"
+    if seconds < 100 * 3600:
+        return f"{seconds / 3600:.3g} h"
+    return f"{seconds / 86400:.0f} days"

@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo, echo_json, note, reports_errors, run_facts
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def _show(run: Path, *, as_json: bool) -> None:
             "figures": found.figure_rows(),
             "findings": found.findings(),
         }
-        echo_json({"run": str(run), **facts, "not_acknowledged": [one.name for one in waiting]})
+        echo_json({**run_facts(run), **facts, "not_acknowledged": [one.name for one in waiting]})
     else:
         from jbclog.cli.alarm_lines import lines
 
@@ -125,6 +125,6 @@ def _acknowledge(
         )
     head = append(run, who=who, what=episode, why=why, kind=ACKNOWLEDGED)
     if as_json:
-        echo_json({"run": str(run), "episode": episode, "head": head})
+        echo_json({**run_facts(run), "episode": episode, "head": head})
     else:
         echo(f"{run}: {episode} acknowledged (annotations fingerprint {short_head(head)})")

@@ -8,7 +8,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo, echo_json, note, reports_errors, run_facts
 from jbclog.core.errors import UsageError
 
 
@@ -88,7 +88,7 @@ def _add(
     options.check_text(option, text)
     head = append(run, who=who, what=text.strip(), why=why, kind=kind)
     if as_json:
-        echo_json({"run": str(run), "head": head})
+        echo_json({**run_facts(run), "head": head})
     else:
         echo(f"{run}: note added (annotations fingerprint {short_head(head)})")
 
@@ -101,7 +101,7 @@ def _show(run: Path, *, as_json: bool) -> None:
     found = read(run)
     if as_json:
         echo_json(
-            {"run": str(run), "said": [asdict(one) for one in found.said], "head": found.head}
+            {**run_facts(run), "said": [asdict(one) for one in found.said], "head": found.head}
         )
     else:
         for one in found.said:

@@ -33,7 +33,7 @@ READING: Final = frozenset(
 """The commands that read records, and limit their memory."""
 RECORDING: Final = frozenset(
     {
-        *("audit", "batch", "demo", "doctor", "init", "read", "recover", "replay", "run", "safe"),
+        *("audit", "batch", "demo", "doctor", "init", "read", "recover", "run", "safe"),
         *("scan", "sim", "verify", "write"),
     }
 )

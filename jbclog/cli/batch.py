@@ -78,7 +78,7 @@ def batch(
             echo_json(facts(prepared, out, code))
         else:
             print_table(prepared, out)
-            note(f"journal: {prepared.journal.store.path}; exit code {code}")
+            note(f"journal: {prepared.journal.path}; exit code {code}")
         executor.finish()
         note(prepared.state.closing)
     raise typer.Exit(code)

@@ -129,8 +129,8 @@ def state_of(job: JobState) -> str:
 
 
 def _cells(attempt: Attempt, out: Path) -> Sequence[str]:
-    began = seconds(attempt.began)
-    took = "-" if attempt.ended is None else span(seconds(attempt.ended) - began)
+    began = seconds(attempt.start)
+    took = "-" if attempt.stop is None else span(seconds(attempt.stop) - began)
     code = "-" if attempt.exit_code is None else str(attempt.exit_code)
     run = "-" if attempt.run is None else str(out / attempt.run)
     return attempt.state.value, code, attempt.verdict or "-", moment(began), took, run
@@ -141,7 +141,7 @@ def facts(batch: PreparedBatch, out: Path, code: int) -> dict[str, object]:
     state = batch.state
     return {
         "batch": str(batch.plan.file.path),
-        "journal": str(batch.journal.store.path),
+        "journal": str(batch.journal.path),
         "finished": not state.is_open(),
         "exit_code": code,
         "jobs": [_job_facts(batch, job, out) for job in _in_file_order(batch)],
@@ -157,7 +157,8 @@ def _job_facts(batch: PreparedBatch, job: JobState, out: Path) -> dict[str, obje
         "exit_code": None if last is None or not job.is_over else last.exit_code,
         "verdict": None if last is None else last.verdict,
         "text": job.text,
-        "run": None if last is None or last.run is None else str(out / last.run),
+        "run": None if last is None else last.run,
+        "folder": None if last is None or last.run is None else str(out / last.run),
         "runs": [_attempt_facts(attempt, out) for attempt in job.attempts],
     }
 
@@ -165,12 +166,13 @@ def _job_facts(batch: PreparedBatch, job: JobState, out: Path) -> dict[str, obje
 def _attempt_facts(attempt: Attempt, out: Path) -> dict[str, object]:
     return {
         "state": attempt.state.value,
-        "began": attempt.began,
-        "ended": attempt.ended,
+        "start": attempt.start,
+        "stop": attempt.stop,
         "exit_code": attempt.exit_code,
         "verdict": attempt.verdict,
         "text": attempt.text,
-        "run": None if attempt.run is None else str(out / attempt.run),
+        "run": attempt.run,
+        "folder": None if attempt.run is None else str(out / attempt.run),
     }
 
 
@@ -226,7 +228,7 @@ class Lines:
         if job.state is State.SKIPPED or job.last is None:
             self.message(job.text.rstrip("."))
             return
-        took = span(seconds(job.last.ended or job.last.began) - seconds(job.last.began))
+        took = span(seconds(job.last.stop or job.last.start) - seconds(job.last.start))
         why = f": {job.text}" if job.text else ""
         self.message(
             f"{job.name} ended after {took}, {job.state.value}, exit code {job.last.exit_code}{why}"

@@ -23,6 +23,9 @@ def check(
         help="Fingerprint on a printed report: 16, 24 or 64 digits.",
         show_default=False,
     ),
+    from_capture: bool = typer.Option(
+        False, "--from-capture", help="Reproduce the run from its capture, compare every row."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Check a run's integrity.
@@ -33,6 +36,11 @@ def check(
     the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
     of which something is not compared. The last line shows the run's fingerprint, to compare with a
     printed report. A published run (TABLE/RUN) is copied and checked without its report.
+
+    --from-capture, for a run recorded with --capture: runs the sessions again, without ports, on
+    what they received, and compares samples, events, settings and counters of all stations, except
+    times and the recorder's own events. Where this version asks a station something else, the
+    session ends, which is a finding.
 
     \b
     Example:
@@ -48,10 +56,10 @@ def check(
         )
     expect_run_or_published(run)
     with whole_run(run) as folder:
-        _check(run, folder, head, as_json=as_json)
+        _check(run, folder, head, from_capture=from_capture, as_json=as_json)
 
 
-def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
+def _check(run: Path, folder: Path, head: str | None, *, from_capture: bool, as_json: bool) -> None:
     """Check the run in `folder`, which is `run`, or a copy of that published run."""
     from jbclog.analysis.joint_bounds import beyond_bounds
     from jbclog.analysis.rejudge import check_verdict
@@ -74,28 +82,47 @@ def _check(run: Path, folder: Path, head: str | None, *, as_json: bool) -> None:
             *(Finding("joints", text) for text in beyond_bounds(open_run(folder))),
         ]
         notes = verdict.notes
+    of_capture: list[str] = []
+    is_cut_off = False
+    compared: dict[str, dict[str, int]] | None = None
+    if from_capture and not found:
+        from jbclog.app.reproduce import compare_from_capture
+
+        comparison = compare_from_capture(folder)
+        texts = [*comparison.differences, *comparison.uncompared]
+        found = [Finding("wire/", text) for text in texts]
+        of_capture = [*comparison.notes, str(comparison)]
+        is_cut_off = bool(comparison.notes)
+        compared = comparison.as_json()
+    elif from_capture:
+        of_capture.append("not reproduced from the capture, because of other findings")
     manifest = read_manifest(folder)
     if manifest.is_sealed:
         bare += uncovered(folder, head)
     apart = [f"{count_text(len(bare), 'file')} not covered"] * bool(bare)
     apart += ["verdict not recomputed"] * bool(notes)
+    apart += ["the capture ends early"] * is_cut_off
     notes += [f"not covered: {file}: {text}" for file, text in bare]
-    clock_wrong = start_doubt(manifest.started, manifest.clock_steps or ())
+    clock_wrong = start_doubt(manifest.start, manifest.clock_steps or ())
     if clock_wrong:
         notes.append(clock_wrong)
         apart.append("wrong times")
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")
+    notes += of_capture
     own, place = manifest_sha256(folder), shown_path(run)
     if as_json:
         findings = [str(finding) for finding in found]
+        facts = {"compared": compared} if from_capture else {}
         echo_json(
             {
-                "run": str(place),
+                "run": folder.absolute().name,
+                "folder": str(place),
                 "agrees": not found,
                 "findings": findings,
                 "notes": notes,
                 "head": own,
+                **facts,
             }
         )
     else:

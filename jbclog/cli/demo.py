@@ -12,7 +12,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import Color
-from jbclog.cli.output import echo_json, echo_words, note, reports_errors
+from jbclog.cli.output import echo_json, echo_words, note, reports_errors, run_facts
 from jbclog.cli.streams import never_wait
 from jbclog.core.states import SafetyResult, StationOutcome
 
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 LEAST_S = 14.0  # 7 s to heat up, 7 s for the faults
 DROPPED, OVERHEATED = "dde-2", "ucr-1"
+TIPS = ("dde-1:1=T-17", "dde-1:2=T-18", "dde-2:1=T-19", "dde-2:2=T-20", "ucr-1=T-21", "ale-1=T-22")
+UNITS = ("SN-0101", "SN-0102")
+NEXT_UNIT = 0.4  # of the recording time: all faults are in the second unit
 
 
 @reports_errors
@@ -36,8 +39,8 @@ def demo(
 ) -> None:
     """Demonstrate a run on four virtual stations, recipe to report.
 
-    Applies a recipe and records at 5 or 10 Hz through the real serial stack. One station raises an
-    alarm, one disconnects and reconnects. The stations run in their own process, on
+    Applies a recipe and records two units at 5 or 10 Hz through the real serial stack. One station
+    raises an alarm, one disconnects and reconnects. The stations run in their own process, on
     pseudo-terminals (TCP without them), at real link speed.
 
     \b
@@ -53,7 +56,7 @@ def demo(
     if as_json:
         echo_json(
             {
-                "run": str(result.folder),
+                **run_facts(result.folder),
                 "report": str(page),
                 "exit_code": result.exit_code.value,
                 "shown": all(shown.values()),
@@ -69,10 +72,18 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
     from jbclog.app.run.options import Metadata, RunOptions
     from jbclog.app.run.plan import make_plan
     from jbclog.app.run.runner import conduct
+    from jbclog.cli.demo_units import BarcodeReader
     from jbclog.cli.progress import BackgroundObserver, observer
     from jbclog.sim.process import SimProcess
 
-    metadata = Metadata("demo", "DEMO-1", "demo board", (), {"note": "virtual stations"})
+    metadata = Metadata(
+        "demo",
+        "DEMO-1",
+        "demo board",
+        tags={"note": "virtual stations"},
+        tips=TIPS,
+        reads_units=True,
+    )
     with tempfile.TemporaryDirectory(prefix="jbclog-demo-") as folder:
         line, recipe = _files(Path(folder), seconds)
         tcp = None if hasattr(os, "openpty") else "127.0.0.1:0"
@@ -85,9 +96,10 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
             plan = make_plan(
                 RunOptions(stations.line_path, recipe, duration_s=seconds, metadata=metadata)
             )
+            reader = BarcodeReader(UNITS, seconds * NEXT_UNIT)
             shown = BackgroundObserver(observer(seconds, color, quiet=quiet, known=metadata))
             try:
-                return conduct(plan, out, shown, missed=shown.missed)
+                return conduct(plan, out, shown, missed=shown.missed, units=reader)
             finally:
                 shown.close()
 

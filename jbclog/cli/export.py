@@ -13,7 +13,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run_or_published
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo, echo_json, note, reports_errors, run_facts
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -127,7 +127,13 @@ def _print(
 ) -> None:
     if as_json:
         echo_json(
-            {"run": str(run), "to": str(to), "out": str(place), "rows": rows, "checked": is_checked}
+            {
+                **run_facts(run),
+                "to": str(to),
+                "out": str(place),
+                "rows": rows,
+                "checked": is_checked,
+            }
         )
         return
     echo(str(place))

@@ -36,7 +36,6 @@ COMMANDS = {
         "batch": "Run a queue of jobs on the stations of a line.",
         "safe": "Put every tool of a line in its safe state, now.",
         "recover": "Finish runs that a crash left open.",
-        "replay": "Reproduce a run recorded with --capture, and compare it.",
     },
     "Stations": {
         "init": "Write a first line file and recipe, by questions.",

@@ -10,16 +10,22 @@ from typing import Any, Final
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-WrongUsage: Any = typer.BadParameter.__bases__[0]  # typer does not export it
+# typer exports neither
+WrongUsage: Any = typer.BadParameter.__bases__[0]
+HELP_INSTEAD: Final = "NoArgsIsHelpError"
 MOST_ECHOED: Final = 1000  # characters of a message that repeats user input
 
 
 @contextmanager
 def cleaned_errors() -> Iterator[None]:
-    """Clean the message of an error of the command-line parser, because it repeats user input."""
+    """Clean the message of an error of the command-line parser, because it repeats user input. The
+    help, which is printed where no command is given, repeats none.
+    """
     try:
         yield
     except WrongUsage as error:
+        if type(error).__name__ == HELP_INSTEAD:
+            raise
         from jbclog.core.text import clean, shortened  # not imported by --help
 
         text = shortened(clean(error.format_message()), MOST_ECHOED)

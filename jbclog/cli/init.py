@@ -178,7 +178,7 @@ def _found_on(urls: list[str], access: PortAccess) -> list[Described]:
     """Scan, and return the stations found. Raises `UsageError` if there are none."""
     from jbclog.app.discovery import described, search
     from jbclog.cli.scan import print_progress
-    from jbclog.session.discovery.found import plan_for
+    from jbclog.session.discovery.scan_plan import plan_for
 
     plans = [(url, plan_for(url, limit_s=None)) for url in urls]
     reports = search(plans, lambda report: print_progress(report, quiet=False), access)

@@ -127,7 +127,7 @@ def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -
         echo_json({"file": str(path), "sha256": sha256, **asdict(found), "refused": refused or {}})
         return
     for one in found.limits:
-        edges = f"{one.lower:.4g} to {one.upper:.4g} {found.unit} ({one.distribution}, n {one.n})"
+        edges = f"{one.lower:.4g} to {one.upper:.4g} {found.uom} ({one.distribution}, n {one.n})"
         echo(
             f"{one.station} port {one.port}  {found.metric}  centre {one.centre:.4g}, limits"
             f" {edges}"

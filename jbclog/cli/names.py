@@ -130,7 +130,7 @@ def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
     """Complete a word that the setting accepts; numbers have no completion."""
     from jbclog.protocol.commands.family import FAMILIES
     from jbclog.session.manual.names import anywhere
-    from jbclog.session.manual.values import words_for
+    from jbclog.session.manual.value_text import words_for
 
     name = str(ctx.params.get("setting"))
     family = _family(ctx) or next((one for one in FAMILIES.values() if name in one.commands), None)

@@ -92,6 +92,11 @@ def note_copies(runs: Runs) -> None:
     note(*copies_texts(runs.copies))
 
 
+def run_facts(folder: Path) -> dict[str, object]:
+    """Return a run's name and its folder as JSON data."""
+    return {"run": folder.absolute().name, "folder": str(folder)}
+
+
 def echo_json(data: object) -> None:
     """Print one JSON object on one line of stdout."""
     _echo([json_line(data, only_ascii=not writes_unicode())], err=False)

@@ -70,7 +70,7 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
             "port": one.port,
             "setting": one.command.name,
             "value": text_of(one.value),
-            "unit": one.unit,
+            "uom": one.unit,
             "key": one.key,
         }
         for one in station.writes()

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from jbclog.app.run.options import Metadata
     from jbclog.live.joint_numbers import JointNumbers
     from jbclog.live.states import Joints
-    from jbclog.session.run.context import PortState, SessionContext
+    from jbclog.session.run.context import SessionContext
+    from jbclog.session.run.state import PortState
 
 SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 ALSO_SHOWN = (
@@ -172,7 +173,7 @@ class Screen(Lines):
         return {
             key: found.get(key, rest)
             for context in contexts
-            for key in ((context.name, port) for port in context.ports)
+            for key in ((context.name, port) for port in context.state.ports)
         }
 
 
@@ -198,25 +199,24 @@ def _cells(context: SessionContext, joints: Mapping[PortKey, Joints]) -> Iterato
     Alarms are counted per station, in its first row. Lost are readings that were due and not
     obtained. Joints are those that had ended some seconds ago.
     """
-    alarms = str(context.facts.alarms or "")
-    if context.facts.outcome != StationOutcome.RUNNING or not context.ports:
-        ports = ", ".join(map(str, context.ports))
+    state = context.state
+    alarms = str(state.facts.alarms or "")
+    if state.facts.outcome != StationOutcome.RUNNING or not state.ports:
+        ports = ", ".join(map(str, state.ports))
         yield (
             context.name,
             ports,
             "",
             "",
-            "starting"
-            if context.facts.outcome == StationOutcome.RUNNING
-            else context.facts.outcome,
+            "starting" if state.facts.outcome == StationOutcome.RUNNING else state.facts.outcome,
             alarms,
             *[""] * 3,
         )
         return
-    for port in context.ports.values():
-        setting = context.set_c(port)
+    for port in state.ports.values():
+        setting = state.setpoint_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
-        due, obtained = context.count_readings(port.number)
+        due, obtained = state.count_readings(port.number)
         counts = coverage_text(due, obtained), str(due - obtained or "")
         found = joints_text(joints.get((context.name, port.number)))
         yield (
@@ -265,24 +265,24 @@ def joints_notes(joints: Mapping[PortKey, Joints]) -> list[str]:
 
 
 def _tip(context: SessionContext, port: PortState) -> str:
-    if context.family.command_of("temperature_c") is None:
+    if context.state.family.command_of("temperature_c") is None:
         return ""
-    known = context.connected and port.temperature_c is not None
+    known = context.state.connected and port.temperature_c is not None
     return f"{port.temperature_c} °C" if known else "unknown"
 
 
 def _status(context: SessionContext, port: PortState) -> str:
-    if not context.connected:
+    if not context.state.connected:
         return "disconnected"
     if port.states:  # OMEGA, one word per signal
         return ", ".join(
             str(port.states[signal.name][0])
-            for signal in context.family.signals
+            for signal in context.state.family.signals
             if signal.name in port.states
         )
     if port.status is None:
         return "unknown"
-    return context.family.status.state(port.status)
+    return context.state.family.status.state(port.status)
 
 
 def observer(

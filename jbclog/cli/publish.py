@@ -11,7 +11,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, expect_run, is_folder
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo, echo_json, note, reports_errors, run_facts
 from jbclog.core.errors import UsageError
 from jbclog.core.operating_system import lower_priority
 from jbclog.core.outcome import Exit
@@ -136,7 +136,7 @@ def _check(folders: Iterable[Path], tree: Tree, *, as_json: bool) -> None:
         compared += 1
         count += len(found)
         if as_json:
-            echo_json({"run": str(folder), "table": str(tree), "differences": found})
+            echo_json({**run_facts(folder), "table": str(tree), "differences": found})
         else:
             echo(*found)
     if not as_json:

@@ -14,8 +14,9 @@ from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
     from jbclog.app.port_access import PortAccess
-    from jbclog.session.manual.contact import Contact, Place, Target
+    from jbclog.session.manual.contact import Contact, Target
     from jbclog.session.manual.read import ReadResult
+    from jbclog.session.setting_write import Place
 
 NAME_WIDTH = 40
 
@@ -53,7 +54,7 @@ def read(
       jbclog read dde-1 tip_temperature --port 2 --line virtual/line.toml
     """
     from jbclog.app.connection import target_in
-    from jbclog.session.manual.contact import Place
+    from jbclog.session.setting_write import Place
 
     target = target_in(line, station)
     asked = Place(port, tool, condition)
@@ -141,7 +142,7 @@ class _Named(_Seen):
 
     def show(self, contact: Contact, reading: ReadResult) -> None:
         from jbclog.session.manual.contact import title
-        from jbclog.session.manual.values import shown
+        from jbclog.session.manual.value_text import shown
 
         self._places.append(reading.place)
         if reading.is_void:
@@ -193,7 +194,7 @@ class _All(_Seen):
 
     def show(self, contact: Contact, reading: ReadResult) -> None:
         from jbclog.session.manual.contact import title
-        from jbclog.session.manual.values import shown
+        from jbclog.session.manual.value_text import shown
 
         if reading.value is not None:
             text = shown(reading.value, reading.command, contact.family)

@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import is_folder
-from jbclog.cli.output import echo, echo_json, reports_errors
+from jbclog.cli.output import echo, echo_json, reports_errors, run_facts
 from jbclog.core.errors import RecordError, Unsafe, UsageError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def _lines(folder: Path, done: list[Recovery]) -> list[str]:
 
 def _facts(one: Recovery) -> dict[str, object]:
     return {
-        "run": str(one.folder),
+        **run_facts(one.folder),
         "outcome": one.outcome.value,
         "text": one.text,
         "rows": dict(one.rows),

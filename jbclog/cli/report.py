@@ -7,7 +7,7 @@ from pathlib import Path
 from jbclog.cli import options
 from jbclog.cli.loading import drawing
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import echo, echo_json, reports_errors
+from jbclog.cli.output import echo, echo_json, reports_errors, run_facts
 
 
 @reports_errors
@@ -36,7 +36,7 @@ def report(
     if as_json:
         echo_json(
             {
-                "run": str(run),
+                **run_facts(run),
                 "report": str(page),
                 "json": str(page.with_suffix(".json")),
                 "pdf": str(page.with_suffix(".pdf")),

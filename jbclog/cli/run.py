@@ -13,7 +13,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.loading import drawing, without_collector
 from jbclog.cli.options import Color, check_text
-from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors
+from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors, run_facts
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 from jbclog.core.outcome import VERDICT_FINDING, Exit, in_order, tools_text
@@ -58,7 +58,7 @@ def run(
         [], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."
     ),
     capture: bool = typer.Option(
-        False, "--capture", help="Record a serial capture, for `jbclog replay`."
+        False, "--capture", help="Record a serial capture, for `jbclog check --from-capture`."
     ),
     wire: bool = typer.Option(False, "--wire", hidden=True),  # as older scripts call it
     no_guard: bool = typer.Option(False, "--no-guard", help="Run without the guard process."),
@@ -222,7 +222,7 @@ def _first_reason(result: Result) -> str:
 def _facts(result: Result) -> dict[str, object]:
     manifest = result.manifest
     return {
-        "run": str(result.folder),
+        **run_facts(result.folder),
         "verdict": manifest.verdict,
         "exit_code": result.exit_code.value,
         "findings": [

@@ -11,7 +11,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_runs
-from jbclog.cli.output import echo_json, echo_table, note, reports_errors
+from jbclog.cli.output import echo_json, echo_table, note, reports_errors, run_facts
 from jbclog.cli.times import (
     NOTHING,
     are_local,
@@ -155,21 +155,21 @@ def _print(
             echo_json(facts(one))
     if not as_json and found:
         is_local = are_local(as_json=as_json)
-        heads = (head_of_times("started", is_local=is_local), *HEADS)
+        heads = (head_of_times("start", is_local=is_local), *HEADS)
         echo_table(heads, [cells(one, unit, is_local=is_local) for one in found], cut=WIDEST)
     if not found:
         note(empty)
 
 
 def facts(run: Found) -> dict[str, object]:
-    """Return a run as JSON data; `run` is its folder."""
+    """Return a run as JSON data."""
     known = {
         one.name: getattr(run, one.name)
         for one in fields(run)
         if one.name not in ("folder", "run", "manifest_sha256", "clock_steps")
     }
     more = {"shown_state": run.shown_state, "clock_wrong": run.clock_wrong}
-    return {"run": str(run.folder), **known, **more}
+    return {**run_facts(run.folder), **known, **more}
 
 
 def cells(run: Found, unit: str | None = None, *, is_local: bool = False) -> tuple[str, ...]:
@@ -184,7 +184,7 @@ def cells(run: Found, unit: str | None = None, *, is_local: bool = False) -> tup
         run.verdict,
     )
     return (
-        shown_moment(run.started, is_local=is_local),
+        shown_moment(run.start, is_local=is_local),
         *(shortened(text or NOTHING, MOST_TEXT) for text in texts),
         run.shown_state,
         str(run.folder),

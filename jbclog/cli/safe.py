@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo, echo_json, note, reports_errors, run_facts
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import Unsafe, UsageError
 
@@ -197,7 +197,7 @@ def _print_wait(
                 )
             elif not as_json:
                 echo(
-                    f"{place} ({tool.tool or 'tool unknown'}): {celsius}, below {limit_c:g} °C"
+                    f"{place} ({tool.tool_name or 'tool unknown'}): {celsius}, below {limit_c:g} °C"
                     f" after {duration(waited_s)}"
                 )
 
@@ -207,7 +207,7 @@ def lines(made: StationMadeSafe) -> list[str]:
     name = made.target.name
     found = [f"{name}: feeder {made.feeder}"] if made.feeder else []
     found += [
-        f"{name} port {tool.port} ({tool.tool or 'tool unknown'}): {_state(tool)}"
+        f"{name} port {tool.port} ({tool.tool_name or 'tool unknown'}): {_state(tool)}"
         for tool in made.tools
     ]
     found += [f"{name} port {port}: no tool" for port in made.empty]
@@ -256,7 +256,7 @@ def troubles(made: StationMadeSafe) -> list[str]:
 
 def _facts(runs: list[EndedRun], stations: list[StationMadeSafe], code: int) -> dict[str, object]:
     return {
-        "runs": [{"run": str(run.folder), "ended": run.how} for run in runs],
+        "runs": [{**run_facts(run.folder), "how": run.how} for run in runs],
         "stations": [_station_facts(made) for made in stations],
         "exit_code": code,
     }
@@ -281,7 +281,7 @@ def _tool_facts(tool: MadeSafe) -> dict[str, object]:
     cooling = tool.cooling
     return {
         "port": tool.port,
-        "tool": tool.tool,
+        "tool_name": tool.tool_name,
         "safe": tool.is_safe,
         "state": tool.state,
         "rested": tool.rested,

@@ -19,7 +19,7 @@ from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.core.serial_line import LineFormat
-    from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound, Turnaround
+    from jbclog.session.discovery.scan_plan import PortReport, ScanPlan, StationFound, Turnaround
 
 # -- result ----------------------------------------------------------------------------------------
 
@@ -103,8 +103,11 @@ def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
         yield "identity", "not reported: it answers A as an OMEGA does"
     if found.software:
         yield "software", found.software
-    if found.tools:
-        yield "ports", "; ".join(f"{port} {_tool_text(tool)}" for port, tool in found.tools.items())
+    if found.tool_names:
+        yield (
+            "ports",
+            "; ".join(f"{port} {_tool_text(tool)}" for port, tool in found.tool_names.items()),
+        )
     if found.error:
         yield "error", found.error
     if found.not_answered:
@@ -199,7 +202,7 @@ def _station_facts(found: StationFound) -> dict[str, object]:
         "robot_mode": found.robot_mode,
         "refusal": found.refusal,
         "error": found.error,
-        "tools": {str(port): tool for port, tool in found.tools.items()},
+        "tool_names": {str(port): tool for port, tool in found.tool_names.items()},
         "turnaround_ms": (
             {"median": turnaround.median_ms, "p99": turnaround.p99_ms, "n": turnaround.answered}
             if turnaround
@@ -309,14 +312,14 @@ def _ports(urls: list[str] | None) -> list[str]:
 def _plan(
     url: str, addresses: tuple[int | None, ...], *, thorough: bool, seconds: float | None
 ) -> ScanPlan:
-    from jbclog.session.discovery.found import plan_for
+    from jbclog.session.discovery.scan_plan import plan_for
 
     return plan_for(url, thorough=thorough, addresses=addresses, limit_s=seconds)
 
 
 def _addresses(text: str | None) -> tuple[int | None, ...]:
     """Return the default addresses and those of ``2,5`` or ``1-99``. Raises `UsageError`."""
-    from jbclog.session.discovery.found import ADDRESSES
+    from jbclog.session.discovery.scan_plan import ADDRESSES
 
     found: dict[int | None, None] = dict.fromkeys(ADDRESSES)
     for part in text.split(",") if text else ():

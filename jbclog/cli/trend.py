@@ -72,7 +72,7 @@ def trend(
     is_local = are_local(as_json=as_json)
     begin = typed_moment("--since", since, is_local=is_local)
     end = typed_moment("--until", until, is_local=is_local, is_end=True)
-    source = Records(stored=False) if no_cache else Records(cache=True)
+    source = Records(stored=not no_cache)
     runs = _runs(folder, line, recipe, product, order, begin, end, scheduler).through(source)
     found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
@@ -116,8 +116,8 @@ def _list(*, as_json: bool) -> None:
         echo_json({"metrics": rows})
         return
     echo_table(
-        ("metric", "unit", "definition"),
-        [(row["metric"], row["unit"], row["definition"]) for row in rows],
+        ("metric", "uom", "definition"),
+        [(row["metric"], row["uom"], row["definition"]) for row in rows],
     )
 
 

@@ -16,13 +16,19 @@ from jbclog.core.quantities import OFF, Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.ranges import inferred_note
-from jbclog.session.manual.contact import Contact, Place, Target, open_contact, title
+from jbclog.session.manual.contact import (
+    Contact,
+    Target,
+    open_contact,
+    title,
+)
 from jbclog.session.manual.names import CommandFilter, entries, is_order
 from jbclog.session.manual.read import ReadResult
-from jbclog.session.manual.values import shown
+from jbclog.session.manual.value_text import shown
 from jbclog.session.manual.write import WriteOutcome, WriteRequest, WriteResult, is_order_to_rest
+from jbclog.session.setting_write import Place
 
-HEADS: Final = ("name", "unit", "scope", "values", "manual")
+HEADS: Final = ("name", "uom", "scope", "values", "manual")
 
 
 def plain(value: Value | None, command: Command, family: Family) -> object:
@@ -44,7 +50,7 @@ def reading_facts(contact: Contact, reading: ReadResult, time: str) -> dict[str,
     }
     facts |= {
         "value": plain(value, command, contact.family),
-        "unit": command.unit,
+        "uom": command.unit,
         "text": None if value is None else shown(value, command, contact.family),
         "raw": reading.data,
         "manual": command.manual,
@@ -67,7 +73,7 @@ def list_rows(family: Family, kind: CommandFilter) -> list[tuple[str, ...]]:
     return [
         (
             entry.name,
-            entry.unit or "-",
+            entry.uom or "-",
             entry.scope,
             "; ".join(filter(None, (entry.values, entry.remark))) or "-",
             entry.manual,
@@ -308,7 +314,7 @@ def written_facts(written: WriteResult, kept: Path | None, access: PortAccess) -
         "requested": as_json(written.value),
         "before": as_json(written.before),
         "readback": as_json(written.readback),
-        "unit": command.unit,
+        "uom": command.unit,
         "outcome": written.outcome,
         "problem": written.problem,
         "manual": command.manual,

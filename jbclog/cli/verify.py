@@ -123,7 +123,7 @@ def _read_own(target: Target, port: int, access: PortAccess) -> Own:
             " setpoint"
         )
     setting = found.settings[-1] if found.settings else None
-    return own_of(found.temperatures, setting, found.adjust_c, found.tool, found.model)
+    return own_of(found.temperatures, setting, found.adjust_c, found.tool_name, found.model)
 
 
 def _print(
@@ -176,8 +176,8 @@ def _what_is_in(kept: Verification) -> str:
 def _proposal(kept: Verification, target: Target, line: Path) -> str | None:
     """Return the command that writes the proposed adjustment."""
     from jbclog.cli.values import call
-    from jbclog.session.manual.contact import Place
     from jbclog.session.manual.write import WriteRequest
+    from jbclog.session.setting_write import Place
 
     if kept.proposed_adjust_c is None:
         return None

@@ -10,7 +10,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_folder
-from jbclog.cli.output import echo_json, echo_table, note, reports_errors
+from jbclog.cli.output import echo_json, echo_table, note, reports_errors, run_facts
 from jbclog.cli.times import are_local, head_of_times, range_text, shown_moment, typed_moment
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
@@ -72,7 +72,7 @@ def where_used(
     else:
         note(found.why)
         if found.runs:
-            heads = (head_of_times("started", is_local=is_local), *HEADS)
+            heads = (head_of_times("start", is_local=is_local), *HEADS)
             echo_table(heads, [row(used, is_local=is_local) for used in found.runs])
         else:
             note(f"no runs{range_text(found.since, found.until)}")
@@ -92,15 +92,15 @@ def row(used: Used, *, is_local: bool) -> tuple[str, ...]:
     )
     listed = f"{count_text(len(used.units), 'unit')}: {', '.join(used.units)}"
     units = listed if used.units else "units not known"
-    started = shown_moment(used.started, is_local=is_local)
+    started = shown_moment(used.start, is_local=is_local)
     return started, places, used.order or "no order", units, used.verdict or "-", str(used.folder)
 
 
 def facts(found: Suspect) -> dict[str, object]:
-    """Return the result as JSON data; `run` is a run's folder."""
+    """Return the result as JSON data."""
     runs = [
         {
-            "run": str(used.folder),
+            **run_facts(used.folder),
             **{key: value for key, value in asdict(used).items() if key != "folder"},
         }
         for used in found.runs
@@ -111,6 +111,6 @@ def facts(found: Suspect) -> dict[str, object]:
         "until": None if found.until is None else found.until.isoformat(),
         "why": found.why,
         "runs": runs,
-        "unreadable": [{"run": str(one.folder), "why": one.why} for one in found.unreadable],
+        "unreadable": [{**run_facts(one.folder), "why": one.why} for one in found.unreadable],
         "wrong": [f"line {number} {text}" for number, text in found.wrong],
     }

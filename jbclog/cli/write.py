@@ -73,9 +73,9 @@ def write(
     """
     from jbclog.app.connection import target_in
     from jbclog.cli.values import print_names
-    from jbclog.session.manual.contact import Place
     from jbclog.session.manual.names import writable
     from jbclog.session.manual.write import WriteRequest
+    from jbclog.session.setting_write import Place
 
     target = target_in(line, station)
     if yes_i_mean is not None and yes_i_mean != station:

@@ -1,5 +1,5 @@
-"""Say why a write failed on a disk that has no inodes left, each of which holds a file: the system
-says "no space" although `df` shows free space, and SQLite "unable to open database file".
+"""Say why a write failed: that the disk is full, or that it has no inodes left, each of which holds
+a file; the system then says "no space" although `df` shows free space.
 """
 
 from __future__ import annotations
@@ -12,26 +12,28 @@ from typing import Final
 from jbclog.core.errors import cause
 from jbclog.core.operating_system import inodes_left
 
+FULL: Final = "the disk is full"
 NO_INODES: Final = "no inodes left on the disk at {} (`df -i`); remove old files from it"
 FEW_FILES: Final = 16  # fewer than a run needs; some become free when a failed attempt is removed
 ENOUGH_BYTES: Final = 1 << 20  # with so many free, what failed did not lack bytes
-# primary result codes of SQLite: SQLITE_FULL, SQLITE_CANTOPEN
-SQLITE_CODES: Final = (13, 14)
 
 
 def write_failure(error: BaseException, path: Path) -> str:
     """Return why a write at `path` failed: the text of `error`, or that the disk has no inodes."""
-    if _may_lack_inodes(error):
-        folder = _existing(path)
-        if lacks_inodes(folder):
-            return NO_INODES.format(mount_point(folder))
-    return getattr(error, "strerror", None) or cause(error)
+    text = getattr(error, "strerror", None) or cause(error)
+    if not isinstance(error, OSError) or error.errno != errno.ENOSPC:
+        return text
+    folder = _existing(path)
+    if lacks_inodes(folder):
+        return NO_INODES.format(mount_point(folder))
+    return f"{FULL}: {text}"
 
 
 def write_failure_below(error: BaseException, folder: Path) -> str:
     """Return the same for a write below `folder`, with the name of the file if the error has it."""
     text = write_failure(error, folder)
-    return cause(error) if text == getattr(error, "strerror", None) else text
+    strerror = getattr(error, "strerror", None)
+    return text.replace(strerror, cause(error)) if strerror else text
 
 
 def lacks_inodes(folder: Path) -> bool:
@@ -47,12 +49,6 @@ def mount_point(folder: Path) -> Path:
     return next(
         place for place in (folder.absolute(), *folder.absolute().parents) if place.is_mount()
     )
-
-
-def _may_lack_inodes(error: BaseException) -> bool:
-    if isinstance(error, OSError):
-        return error.errno == errno.ENOSPC
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF in SQLITE_CODES
 
 
 def _existing(path: Path) -> Path:

@@ -16,9 +16,9 @@ from enum import StrEnum
 from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final
 
-from jbclog.core.operating_system import NO_LINK, NO_WAIT, PLAIN, read_at, set_blocking
+from jbclog.core.operating_system import NO_LINK, NO_WAIT, PLAIN, set_blocking
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 
@@ -41,9 +41,9 @@ class Kind(StrEnum):
     LEDGER = "a ledger"
     WIRE = "a serial capture"
     PART = "a part of a table"
-    STORE = "a live store"
+    STORE = "a journal"
     RECORD = "a file of a record"
-    CACHE = "a cache of metrics"
+    DERIVED = "a derived table"
     CHECKPOINT_HINT = "a hint at a checkpoint"
 
 
@@ -60,13 +60,13 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.DAMAGE: 4 * MIB,
         Kind.SETTINGS: 64 * KIB,
         Kind.JOURNAL: 64 * MIB,
-        Kind.JOB: 16 * MIB,
+        Kind.JOB: 64 * MIB,  # an event takes some 300 bytes
         Kind.LEDGER: 256 * MIB,  # 250 stations, audited daily, take 90 MB a year
         Kind.WIRE: 4 * GIB,  # a station's month takes some 500 MB
         Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
         Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk if sealing fails
         Kind.RECORD: 16 * GIB,
-        Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
+        Kind.DERIVED: 256 * MIB,  # half a million joints, a day of 32 ports, take 30 MB
         Kind.CHECKPOINT_HINT: MIB,  # takes 10 kB
     }
 )
@@ -79,9 +79,6 @@ LINES: Final[Mapping[Kind, int]] = MappingProxyType(
     | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
 """Maximum number of lines of a kind: each is parsed."""
-
-LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
-"""Maximum length in bytes of a line that is read by itself."""
 
 _WHAT: Final = (
     (stat.S_ISFIFO, "a pipe"),
@@ -156,7 +153,7 @@ def open_to_write(path: Path, kind: Kind, *, appends: bool = False, makes: bool 
         expect_regular(path, kind)
     how = os.O_WRONLY | os.O_APPEND if appends else os.O_RDWR
     how |= os.O_CREAT if makes else 0
-    descriptor = os.open(path, how | PLAIN | NO_LINK | NO_WAIT, 0o644)
+    descriptor = os.open(path, how | PLAIN | NO_LINK | NO_WAIT, 0o666)
     try:
         expect_opened(descriptor, kind)
         set_blocking(descriptor, blocks=True)  # a child may inherit it
@@ -164,23 +161,6 @@ def open_to_write(path: Path, kind: Kind, *, appends: bool = False, makes: bool 
         os.close(descriptor)
         raise
     return descriptor
-
-
-def cut_blank_end(path: Path, kind: Kind) -> None:
-    """Cut off the blank lines at the end of a file; remove one that has no others. Raises OSError
-    as `expect_regular` does. What takes its name meanwhile is not cut.
-    """
-    descriptor = open_to_write(path, kind, makes=False)
-    try:
-        size = os.fstat(descriptor).st_size
-        written = len(read_at(descriptor, size, 0).rstrip(b"\n"))
-        if not written:
-            path.unlink()
-        elif size > written + 1:
-            os.ftruncate(descriptor, written + 1)
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def read_regular(path: Path, kind: Kind, *, links: bool = False) -> bytes:
@@ -197,41 +177,6 @@ def read_regular(path: Path, kind: Kind, *, links: bool = False) -> bytes:
     if kind in LINES and data.count(b"\n") > LINES[kind]:
         raise NotReadable(f"has {data.count(10)} lines; {kind} has at most {LINES[kind]}")
     return data
-
-
-class Line(NamedTuple):
-    """A line without its end; `text` is None if longer than `LONGEST_LINE`. `sha256` is the hash of
-    the whole line.
-    """
-
-    text: bytes | None
-    sha256: str
-    is_ended: bool
-
-
-def each_line(file: BufferedReader) -> Iterator[Line]:
-    """Yield the lines of a file, holding at most `LONGEST_LINE` bytes in memory. Raises OSError."""
-    from hashlib import sha256  # loads OpenSSL, which a guard does not need
-
-    while text := file.readline(LONGEST_LINE + 1):
-        if text.endswith(b"\n"):
-            text = text[:-1]
-            yield Line(text, sha256(text).hexdigest(), is_ended=True)
-        elif len(text) <= LONGEST_LINE:
-            yield Line(text, sha256(text).hexdigest(), is_ended=False)
-        else:
-            yield _long_line(file, text)
-
-
-def _long_line(file: BufferedReader, text: bytes) -> Line:
-    from hashlib import sha256
-
-    found = sha256()
-    while text and not text.endswith(b"\n"):
-        found.update(text)
-        text = file.readline(LONGEST_LINE)
-    found.update(text[:-1])
-    return Line(None, found.hexdigest(), is_ended=bool(text))
 
 
 DEEPEST: Final = 4

@@ -1,14 +1,16 @@
-"""The interface between sessions and drivers: a session yields requests, a driver sends back
+"""The interface between sessions and drivers: a session awaits requests, a driver sends back
 results.
 
-A session is a generator. It yields a request; a driver (`transport`) performs it and sends back an
-`IoResult`. The driver throws `LinkError` at the failed request if the link breaks, and `RunEnded`
-to end a run or not to start it. A session never waits, opens nothing and reads no clock.
+A session is a coroutine, without an event loop of its own: what it awaits ends in a request, which
+a driver (`transport`) gets from `send`, performs, and answers with an `IoResult` at the next
+`send`. The driver throws `LinkError` at the failed request if the link breaks, and `RunEnded` to
+end a run or not to start it. A session never waits by itself, opens nothing and reads no clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+import types
+from collections.abc import Awaitable, Callable, Coroutine, Generator
 from typing import NamedTuple, TypeVar
 
 
@@ -81,19 +83,46 @@ class LeftOut(RunEnded):
 
 T = TypeVar("T")
 Request = Ask | Listen | Wait | Reopen | Gather
-Steps = Generator[Request, IoResult, T]
-"""Part of a session: yields requests, receives results, returns a `T`."""
+Steps = Coroutine[Request, IoResult | None, T]
+"""Part of a session: awaits requests, returns a `T`. Its driver begins with `send(None)`."""
 
 
-def relay(steps: Steps[T], do: Callable[[Request], Steps[IoResult]]) -> Steps[T]:
-    """Run `steps` and perform its requests with `do`; throw exceptions of `do` into `steps`, as a
-    driver would.
+@types.coroutine
+def do(request: Request) -> Generator[Request, IoResult, IoResult]:
+    """Let the driver perform `request`; return its result. Every `await` of a session ends here."""
+    return (yield request)
+
+
+def ask(data: bytes, patience_s: float) -> Awaitable[IoResult]:
+    """Perform an `Ask`, as the four below perform theirs."""
+    return do(Ask(data, patience_s))
+
+
+def listen(until: float) -> Awaitable[IoResult]:
+    return do(Listen(until))
+
+
+def wait(until: float) -> Awaitable[IoResult]:
+    return do(Wait(until))
+
+
+def reopen() -> Awaitable[IoResult]:
+    return do(Reopen())
+
+
+def gather(step: int, failure: str = "") -> Awaitable[IoResult]:
+    return do(Gather(step, failure))
+
+
+async def relay(steps: Steps[T], perform: Callable[[Request], Awaitable[IoResult]]) -> T:
+    """Run `steps` and answer its requests with `perform`; throw exceptions of `perform` into
+    `steps`, as a driver would.
     """
     try:
-        request = next(steps)
+        request = steps.send(None)
         while True:
             try:
-                io_result = yield from do(request)
+                io_result = await perform(request)
             except Exception as error:
                 request = steps.throw(error)
             else:

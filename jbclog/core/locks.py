@@ -9,7 +9,6 @@ import contextlib
 import json
 import os
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from jbclog.core.disk_space import write_failure
@@ -63,26 +62,10 @@ def is_locked(path: Path) -> bool:
 
 # A run's folder has one writer: the recorder, its sealing child, or `recover`. The lock is an flock
 # on `live.lock`; a child inherits it with the descriptor. The file contains the holder's process
-# id, for messages, and `CommitStatus`: SQLite takes a damaged end of its log for one never written
-# and would silently lose acknowledged rows.
+# id, for messages, the computer's boot, and the number of rows that a full disk did not take: the
+# journal cannot hold that number then.
 NAME = "live.lock"
 WIDTH = 200  # bytes; always overwritten as a whole, so a full disk does not matter
-
-
-@dataclass(frozen=True, slots=True)
-class CommitStatus:
-    """What a recorder reports about its commits.
-
-    `last`: number of the last committed batch. `since`: when the last good commit began (seconds
-    since 1970 UTC); earlier rows are on disk. `risk_s`: the longest time that a row waited for its
-    commit. `unkept`: number of rows not committed. `took_s`: duration of the last good commit.
-    """
-
-    last: int = 0
-    since: float | None = None
-    risk_s: float = 0.0
-    unkept: int = 0
-    took_s: float = 0.0
 
 
 class FolderLock:
@@ -120,18 +103,16 @@ class FolderLock:
     @classmethod
     def _signed(cls, folder: Path, descriptor: int) -> FolderLock:
         lock = cls(folder, descriptor)
-        lock.write_status(commit_status(folder))
+        lock.write_unkept(unkept_rows(folder))
         return lock
 
     @property
     def name(self) -> str:
         return NAME
 
-    def write_status(self, status: CommitStatus) -> None:
-        """Write the commit status without syncing: it survives a kill, and may lag after a power
-        cut.
-        """
-        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(status)})
+    def write_unkept(self, rows: int) -> None:
+        """Write how many rows the recorder could not keep, without syncing: it survives a kill."""
+        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), "unkept": rows})
         with contextlib.suppress(OSError):  # the commits report a failing disk
             write_at(self.descriptor, text.ljust(WIDTH).encode(), 0)
 
@@ -179,24 +160,18 @@ def holder_text(folder: Path) -> str:
 
 def holder_pid(folder: Path) -> int:
     """Return the id of the process that last took the folder's lock; 0 if unknown."""
-    return int(_status_field(folder, "pid"))
+    return _number(folder, "pid")
 
 
-def commit_status(folder: Path) -> CommitStatus:
-    """Return the commit status written by the last recorder; zeros if none is readable."""
-    return CommitStatus(
-        int(_status_field(folder, "last")),
-        _status_field(folder, "since") or None,
-        _status_field(folder, "risk_s"),
-        int(_status_field(folder, "unkept")),
-        _status_field(folder, "took_s"),
-    )
+def unkept_rows(folder: Path) -> int:
+    """Return how many rows the last recorder could not keep; 0 if unknown."""
+    return _number(folder, "unkept")
 
 
-def _status_field(folder: Path, key: str) -> float:
+def _number(folder: Path, key: str) -> int:
     with contextlib.suppress(OSError, ValueError, AttributeError):
         value = read_json(folder / NAME, Kind.LOCK).get(key)
-        return value if isinstance(value, int | float) else 0
+        return value if isinstance(value, int) else 0
     return 0
 
 

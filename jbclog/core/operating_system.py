@@ -47,6 +47,18 @@ def expect_posix() -> None:
         raise UsageError(NO_RECORDING)
 
 
+NO_EPOLL: Final = (
+    "recording needs epoll, which Linux has; here jbclog reads what was recorded, and talks to"
+    " stations by hand"
+)
+
+
+def expect_epoll() -> None:
+    """Raise `UsageError` where the recorder's event loop cannot run."""
+    if not hasattr(select, "epoll"):
+        raise UsageError(NO_EPOLL)
+
+
 # -- files -----------------------------------------------------------------------------------------
 
 _system: Any = os  # of which each system has other parts
@@ -122,6 +134,14 @@ def sync_file(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def sync_data(descriptor: int) -> None:
+    """Sync the contents of an open file and its size. After an OSError, do not trust the file."""
+    if hasattr(fcntl, "F_FULLFSYNC"):  # macOS: to the disk, not to its cache
+        fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+    else:
+        os.fdatasync(descriptor)
 
 
 def opened_again(file: BufferedReader) -> str | BufferedReader:

@@ -2,7 +2,7 @@
 
 A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a
 second. docs/reference/tables.md describes every column; `record/schema.py` has the Parquet types. A
-new column belongs in both (docs/how-to/change.md).
+new column belongs in both (docs/how-to/change.md). The record adds `run` and `seq` itself.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Protocol
 
 from jbclog.core.states import StationOutcome
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 TABLES: Final = ("samples", "events", "settings", "counters")
 """Tables of a run, defined in `record/schema.py`."""
 
@@ -38,7 +38,7 @@ SAMPLE_COLUMNS: Final = (
     "cooling",
     "desoldering",
     "motor",
-    "set_c",
+    "setpoint_c",
     "tool",
     "port_error",
     "station_error",
@@ -114,7 +114,7 @@ class EventRow(NamedTuple):
     earliest: int | None = None
     code: int | None = None
     value: float | None = None
-    limit: float | None = None
+    limit_value: float | None = None
     raw: str | None = None
 
 
@@ -137,9 +137,9 @@ class SettingRow(NamedTuple):
     time: int
     station: str
     port: int | None
-    tool: str | None
+    tool_name: str | None
     setting: str
-    unit: str
+    uom: str
     requested: str | None
     written: str | None
     readback: str | None
@@ -157,7 +157,7 @@ class CounterRow(NamedTuple):
     port: int | None
     counter: str
     value: float | None
-    unit: str
+    uom: str
     raw: str
 
 
@@ -222,7 +222,7 @@ class StationFacts:
     baudrate: int = 19200
     format: str = "8N1"
     ports: list[int] = field(default_factory=list)
-    tools: dict[int, str] = field(default_factory=dict)
+    tool_names: dict[int, str] = field(default_factory=dict)
     # median, p99, n; faster_by if a faster link setting exists
     turnaround_us: dict[str, float] = field(default_factory=dict)
     asked_rate: float | str | None = None  # Hz, auto, fit or max; None in older records

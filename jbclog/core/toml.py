@@ -339,6 +339,11 @@ def parse(text: str, file: str) -> TomlText:
     return TomlText(file, text, _tables(plain, file), scan.lines)
 
 
+def read_own(path: Path) -> dict[str, object]:
+    """Read a data file of this package; nobody edits it, so it needs no lines of keys."""
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
 def _tables(text: str, file: str) -> dict[str, object]:
     try:
         return tomllib.loads(text)

@@ -11,19 +11,18 @@ import json
 import os
 import select
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
 
-from jbclog.core.files import Kind, cut_blank_end, open_to_write
+from jbclog.core.files import Kind
 from jbclog.core.json_files import read_json
+from jbclog.core.line_file import LineFile
 from jbclog.core.text import clean
 
 NAME: Final = "guard.jsonl"
 MANIFEST: Final = "manifest.json"
-BLANK: Final = b"\n"
 LEAST_BYTES: Final = 65536
 LINE_BYTES: Final = 512  # of one line, at most
 STDERR = 2
@@ -38,6 +37,7 @@ class ActionLog:
 
     def __init__(self, folder: Path, who: str = "jbclog guard") -> None:
         self.folder = folder
+        self._file = LineFile(folder / NAME, Kind.ACTION_LOG)
         self._who = who
         self._lock = Lock()
         self._lines = 0  # reserved, plus one
@@ -48,11 +48,8 @@ class ActionLog:
         if lines < self._lines or is_sealed(self.folder):
             return
         self._lines = lines + 1
-        with self._lock, self._opened() as descriptor:
-            end, size = len(_content(descriptor)), os.fstat(descriptor).st_size
-            missing = end + max(LEAST_BYTES, lines * LINE_BYTES) - size
-            if missing > 0:
-                _put(descriptor, BLANK * missing, size)
+        with self._lock:
+            self._file.reserve(max(LEAST_BYTES, lines * LINE_BYTES))
 
     def write(
         self,
@@ -87,26 +84,13 @@ class ActionLog:
             if is_sealed(self.folder):
                 self._annotate(row["kind"], row["text"], row["station"], row["port"])
             else:
-                self._append(json.dumps(row).encode())
+                self._file.append_line(json.dumps(row).encode())
 
     def tidy(self) -> None:
         """Release unused space when the run is over, and remove an empty file. Does not raise."""
         with suppress(OSError), self._lock:
             if not is_sealed(self.folder):
-                cut_blank_end(self.folder / NAME, Kind.ACTION_LOG)
-
-    def _append(self, line: bytes) -> None:
-        with self._opened() as descriptor:
-            content = _content(descriptor)
-            _put(descriptor, (BLANK if content else b"") + line + BLANK, len(content))
-
-    @contextmanager
-    def _opened(self) -> Iterator[int]:
-        descriptor = open_to_write(self.folder / NAME, Kind.ACTION_LOG)
-        try:
-            yield descriptor
-        finally:
-            os.close(descriptor)
+                self._file.release()
 
     def _annotate(self, kind: str, text: str, station: str | None, port: int | None) -> None:
         from jbclog.record.annotations import append  # only here: a watching guard does not load it
@@ -133,18 +117,6 @@ def is_sealed(folder: Path) -> bool:
         return bool(read_json(folder / MANIFEST, Kind.MANIFEST)["state"] == "sealed")
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return False
-
-
-def _content(descriptor: int) -> bytes:
-    """Return the file without its trailing blank lines; the next line starts after a torn one."""
-    return os.pread(descriptor, os.fstat(descriptor).st_size, 0).rstrip(BLANK)
-
-
-def _put(descriptor: int, data: bytes, at: int) -> None:
-    while data:
-        done = os.pwrite(descriptor, data, at)
-        data, at = data[done:], at + done
-    os.fsync(descriptor)
 
 
 def show(text: str) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 from jbclog.core.clock import elapsed
 from jbclog.core.errors import LinkFlooded, StationError
-from jbclog.core.io_requests import Steps
 from jbclog.core.states import SafetyResult
 from jbclog.guard.continuity import Continuity, why_left_alone
 from jbclog.guard.identifying import identify
@@ -60,28 +59,28 @@ class BlindOrders:
         """Return why the tool in `port` got no order; empty if it was not refused one."""
         return self._why_not_port.get(port) or self._why
 
-    def prove(self, task: SafetyTask) -> Steps[bool]:
+    async def prove(self, task: SafetyTask) -> bool:
         """Ask which station it is. If that is not answered at once, order it, and ask again."""
         client, failure = task.client, None
         try:
-            if (yield from in_time(self._identify(task), client.now, client.now + LOOK_S)):
+            if await in_time(self._identify(task), client.now, client.now + LOOK_S):
                 return True
         except (StationError, LinkFlooded) as error:
             failure = error
-        yield from self._order_if_allowed(task)
+        await self._order_if_allowed(task)
         if isinstance(failure, LinkFlooded):
             raise failure
-        return (yield from self._identify(task))
+        return await self._identify(task)
 
-    def _identify(self, task: SafetyTask) -> Steps[bool]:
+    async def _identify(self, task: SafetyTask) -> bool:
         hours = self._continuity.hours.get(self._lease.name, {})
-        return identify(task.client, self._lease, hours, self._note_other)
+        return await identify(task.client, self._lease, hours, self._note_other)
 
     def _note_other(self, description: str) -> None:
         if self._lease.name not in self._continuity.others:
             self.found_other = self._continuity.others[self._lease.name] = description
 
-    def _order_if_allowed(self, task: SafetyTask) -> Steps[None]:
+    async def _order_if_allowed(self, task: SafetyTask) -> None:
         self.was_mixed = self._is_mixed()
         why = self._continuity.why_not(self._lease, self.device, self._now())
         if why is not None:
@@ -96,20 +95,20 @@ class BlindOrders:
         task.is_stranger = True  # the orders over a flooded link are these
         before = task.client.exchanges
         try:
-            yield from self._order(task)
+            await self._order(task)
         finally:  # the link may break after the first of them
             if task.client.exchanges > before:
                 self._continuity.orders[self._lease.name] += 1
 
-    def _order(self, task: SafetyTask) -> Steps[None]:
+    async def _order(self, task: SafetyTask) -> None:
         """Stop the feeder, and order each tool that was at work."""
         if task.feeds:
-            yield from write_unanswered(task.client, task.family, "stop_feeding", 0)
+            await write_unanswered(task.client, task.family, "stop_feeding", 0)
         for tool in task.tools:
             word = self._word(task, tool)
             if word is None or not self._is_allowed_now():
                 continue
-            if (yield from write_unanswered(task.client, task.family, "status", word, tool.port)):
+            if await write_unanswered(task.client, task.family, "status", word, tool.port):
                 tool.note_order(word)
                 self._continuity.note_order(self._lease.name, tool.port, word)
                 tool.reached = SafetyResult.SENT

@@ -38,6 +38,8 @@ from jbclog.transport.port import Port
 
 INFO, WARNING, ERROR, CRITICAL = "info", "warning", "error", "critical"
 HOT = "it may be hot: switch the station off"
+NOT_CONFIRMED = "was ordered into its safe state by the guard and does not confirm it"
+FLOODED = "(its link is flooded)"
 OPENING = 5  # descriptors of a port while it is being opened
 ENDED_S = 8.0  # a hanging driver must not delay the results of the other ports
 BEGUN_S: Final = 0.5  # for a thread to begin on a busy machine; if both begin, only one works
@@ -213,11 +215,14 @@ class TakeOver:
         ordered = blind.ordered(tool.port)
         assert ordered is not None
         word, times = ordered
-        state = task.family.status.shown(word)
-        text = (
-            f"the station does not answer: {state} was ordered {count_text(times, 'time')},"
-            " not confirmed"
-        )
+        if task.flood is None:
+            state = task.family.status.shown(word)
+            text = (
+                f"the station does not answer: {state} was ordered {count_text(times, 'time')},"
+                " not confirmed"
+            )
+        else:
+            text = f"the tool {NOT_CONFIRMED} {FLOODED}"
         if blind.was_mixed:
             text += "; on a line of mixed families that does not count as safe"
         self._report(
@@ -233,12 +238,8 @@ class TakeOver:
     def _report_unsafe(
         self, lease: StationLease, task: SafetyTask, tool: ToolSafety, blind: BlindOrders | None
     ) -> None:
-        what = (
-            "was ordered into its safe state by the guard and does not confirm it"
-            if tool.reached == SafetyResult.SENT
-            else "could not be made safe"
-        )
-        what += "" if task.flood is None else " (its link is flooded)"
+        what = NOT_CONFIRMED if tool.reached == SafetyResult.SENT else "could not be made safe"
+        what += "" if task.flood is None else f" {FLOODED}"
         why = "" if blind is None else blind.why_not(tool.port)
         if why and not tool.was_ordered:
             what += f", and got no order: {why}"

@@ -123,7 +123,7 @@ class EventHistory:
 
 
 def _event(row: dict[str, object], time: int, earliest: int | None) -> EventRow:
-    names = ("station", "port", "code", "value", "limit", "raw")
+    names = ("station", "port", "code", "value", "limit_value", "raw")
     more = {name: row[name] for name in names}
     severity = severity_of(str(row["severity"]))
     return EventRow(time, str(row["kind"]), severity, str(row["text"]), earliest=earliest, **more)  # type: ignore[arg-type]
@@ -138,13 +138,13 @@ class SettingHistory:
 
     def add_settings(self, rows: pa.Table) -> None:
         for row in rows.drop_columns(["time"]).to_pylist():
-            port, tool, name = row["port"], row["tool"], row["setting"]
-            one = Setting(port, tool, name, row["readback"], row["unit"], row["outcome"])
+            port, tool, name = row["port"], row["tool_name"], row["setting"]
+            one = Setting(port, tool, name, row["readback"], row["uom"], row["outcome"])
             self._settings.setdefault(row["station"], {})[port, tool, name] = one
 
     def add_counters(self, rows: pa.Table) -> None:
         for row in rows.drop_columns(["time"]).to_pylist():
-            one = Counter(row["port"], row["counter"], row["value"], row["unit"], row["raw"])
+            one = Counter(row["port"], row["counter"], row["value"], row["uom"], row["raw"])
             self._counters.setdefault(row["station"], {})[one.port, one.name] = one
 
     def settings(self, station: str) -> tuple[Setting, ...]:

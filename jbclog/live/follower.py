@@ -19,14 +19,14 @@ from typing import Final
 
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import commit_status
 from jbclog.live.run_follower import RunFollower
 from jbclog.live.states import RunState
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME as MANIFEST
+from jbclog.record.segments import segments
 
-EVERY_S: Final = 0.5  # the recorder commits every 0.8 s
-COMMITS_S: Final = 10.0  # a run with a commit this recent counts as being recorded
+EVERY_S: Final = 0.5  # the recorder commits every 0.6 s
+GROWS_S: Final = 10.0  # a run whose journal grew this recently counts as being recorded
 MOST_RUNS: Final = 20  # newest runs that are searched for one being recorded
 
 
@@ -125,9 +125,12 @@ def current_run(folder: Path) -> Path | None:
     except OSError as error:
         raise RecordError(f"{folder} cannot be read: {error.strerror or error}") from error
     runs = [folder / name for name in sorted(names, reverse=True)[:MOST_RUNS]]
-    return next(filter(_commits, runs), runs[0] if runs else None)
+    return next(filter(_is_growing, runs), runs[0] if runs else None)
 
 
-def _commits(run: Path) -> bool:
-    since = commit_status(run).since
-    return since is not None and abs(time.time() - since) < COMMITS_S
+def _is_growing(run: Path) -> bool:
+    try:
+        written_s = segments(run)[-1].stat().st_mtime
+    except (OSError, IndexError):
+        return False
+    return abs(time.time() - written_s) < GROWS_S

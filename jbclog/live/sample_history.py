@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping, Sequence
+from bisect import bisect_left
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -25,11 +26,9 @@ MAIN: Final = "temperature_c"
 POWER: Final = "power_permille"
 SAME: Final = 1e-9  # tolerance, as a share of an interval: ticks times a period are not exact
 
-WIDEST: Final = 1 << 32  # above every port number
-
 
 class Moment(NamedTuple):
-    """Tick and time (UTC in µs) of a row. Ordered by tick, because the clock may be set."""
+    """Tick and time (UTC in µs) of a row. Ordered by tick."""
 
     tick: int
     time: int
@@ -41,29 +40,36 @@ class Last(NamedTuple):
 
 
 class Points:
-    """The points of a trace, the newest `span_s` seconds of them."""
+    """The newest minute of points. Accepts them in any order."""
 
-    def __init__(self, span_s: float) -> None:
-        self._span_s = span_s
-        self._seconds: deque[float] = deque()
-        self._temperatures: deque[float | None] = deque()
-        self._powers: deque[float | None] = deque()
+    def __init__(self) -> None:
+        self._seconds: list[float] = []
+        self._temperatures: list[float | None] = []
+        self._powers: list[float | None] = []
         self._trace: Trace | None = Trace()
 
-    def add(self, seconds: float, temperature: float | None, power: float | None) -> None:
-        times = self._seconds
-        if times and seconds <= times[-1]:
-            times.clear()  # the clock was set back, and there is no grid to order by
-            self._temperatures.clear()
-            self._powers.clear()
-        times.append(seconds)
-        self._temperatures.append(temperature)
-        self._powers.append(power)
-        while times[-1] - times[0] > self._span_s or len(times) > MOST_POINTS:
-            times.popleft()
-            self._temperatures.popleft()
-            self._powers.popleft()
+    def add(
+        self, seconds: list[float], temperatures: list[float | None], powers: list[float | None]
+    ) -> None:
+        """Add points, which are in order."""
+        newest_s = self._seconds[-1] if self._seconds else -np.inf
+        if seconds[-1] < newest_s - TRACE_S:
+            return
+        self._seconds += seconds
+        self._temperatures += temperatures
+        self._powers += powers
+        if seconds[0] <= newest_s:
+            self._sort()
+        first = bisect_left(self._seconds, self._seconds[-1] - TRACE_S)
+        first = max(first, len(self._seconds) - MOST_POINTS)
+        del self._seconds[:first], self._temperatures[:first], self._powers[:first]
         self._trace = None
+
+    def _sort(self) -> None:
+        order = sorted(range(len(self._seconds)), key=self._seconds.__getitem__)
+        self._seconds = [self._seconds[at] for at in order]
+        self._temperatures = [self._temperatures[at] for at in order]
+        self._powers = [self._powers[at] for at in order]
 
     def trace(self) -> Trace:
         """Return the points. Without a new point this is the same object, which saves most of the
@@ -81,37 +87,39 @@ class Means:
 
     def __init__(self) -> None:
         # interval number -> sum and count of temperature, sum and count of power
-        self._sums: dict[int, list[float]] = {}
+        self._sums: dict[int, NDArray[np.float64]] = {}
         self._last = 0
         self._trace: Trace | None = Trace()
 
-    def add(self, stretch: int, sums: Sequence[float]) -> None:
-        if self._sums and stretch <= self._last - MOST_MEANS:
+    def add(self, interval: int, sums: NDArray[np.float64]) -> None:
+        if self._sums and interval <= self._last - MOST_MEANS:
             return
         # the last interval is not shown before it is complete
-        if not self._sums or stretch != self._last:
-            self._last = max(self._last, stretch) if self._sums else stretch
+        if not self._sums or interval != self._last:
+            self._last = max(self._last, interval) if self._sums else interval
             self._trace = None
-        self._sums[stretch] = [
-            one + more for one, more in zip(self._sums.get(stretch, (0.0,) * 4), sums, strict=True)
-        ]
+        known = self._sums.get(interval)
+        self._sums[interval] = sums if known is None else known + sums
         if len(self._sums) > 2 * MOST_MEANS:
-            self._sums = {
-                one: values for one, values in self._sums.items() if one > self._last - MOST_MEANS
-            }
+            oldest = self._last - MOST_MEANS
+            self._sums = {number: kept for number, kept in self._sums.items() if number > oldest}
 
     def trace(self) -> Trace:
         """Return the complete intervals; one without rows has no value."""
         if self._trace is None:
-            known = [one for one in self._sums if self._last - MOST_MEANS < one < self._last]
-            stretches = range(min(known), self._last) if known else range(0)
-            sums = [self._sums.get(one, (0.0,) * 4) for one in stretches]
+            oldest = self._last - MOST_MEANS
+            shown = [number for number in self._sums if oldest < number < self._last]
+            intervals = range(min(shown), self._last) if shown else range(0)
+            rows = [self._sums.get(number, _NOTHING).tolist() for number in intervals]
             self._trace = Trace(
-                tuple((one + 0.5) * MEAN_S for one in stretches),
-                tuple(temperature / count if count else None for temperature, count, _, _ in sums),
-                tuple(power / count if count else None for _, _, power, count in sums),
+                tuple((number + 0.5) * MEAN_S for number in intervals),
+                tuple(total / count if count else None for total, count, _, _ in rows),
+                tuple(total / count if count else None for _, _, total, count in rows),
             )
         return self._trace
+
+
+_NOTHING: Final = np.zeros(4)
 
 
 @dataclass(slots=True)
@@ -123,138 +131,133 @@ class PortHistory:
     failures: dict[str, Last] = field(default_factory=dict)
     obtained: int = 0
     missing: int = 0
-    points: Points = field(default_factory=lambda: Points(TRACE_S))
+    points: Points = field(default_factory=Points)
     means: Means = field(default_factory=Means)
 
 
 class SampleHistory:
-    """Collects tables of samples: `add` takes the newest rows in order, `add_earlier` older ones in
-    any order.
-    """
+    """Collects tables of samples, in any order."""
 
     def __init__(self) -> None:
         self.ports: defaultdict[PortKey, PortHistory] = defaultdict(PortHistory)
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        """Add new rows. `periods`: seconds between ticks of each station, None: no grid."""
-        table = _Rows(rows, periods)
-        self._add(table)
-        columns = (rows[name].to_pylist() for name in ("station", "port", MAIN, POWER))
-        for station, port, temperature, power, second in zip(
-            *columns, table.seconds.tolist(), strict=True
-        ):
-            self.ports[station, port].points.add(second, temperature, power)
-
-    def add_earlier(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        """Add older rows: count them, and keep their values where nothing newer is known."""
-        self._add(_Rows(rows, periods))
-
-    def _add(self, table: _Rows) -> None:
-        rows = table.rows
-        for key, moment, quality in table.last("quality"):
+        """Add rows. `periods`: seconds between ticks of each station, None: no grid."""
+        by_port = _ByPort(rows, periods)
+        for key, moment, quality in by_port.last("quality"):
             port = self.ports[key]
             port.newest = _newer(port.newest, Last(moment, quality))
         for column in SIGNAL_COLUMNS:
-            if rows[column].null_count < len(rows):
-                for key, moment, value in table.last(column):
-                    known = self.ports[key].values
-                    known[column] = _newer(known.get(column), Last(moment, value))
-        self._count(table)
-        for key, stretch, sums in table.sums(MEAN_S):
-            self.ports[key].means.add(stretch, sums)
-
-    def _count(self, table: _Rows) -> None:
-        for key, count in table.count(MAIN):
-            self.ports[key].obtained += count
-        rows = table.rows
-        if rows["reasons"].null_count == len(rows):
-            return
-        failed = rows.filter(pc.is_valid(rows["reasons"])).select(
-            ["station", "port", "reasons", "tick", "time"]
-        )
-        grouped = failed.set_column(4, "time", failed["time"].cast(pa.int64())).group_by(
-            ["station", "port", "reasons"]
-        )
-        for row in grouped.aggregate(
-            [("tick", "max"), ("time", "max"), ([], "count_all")]
-        ).to_pylist():
-            port, moment = (
-                self.ports[row["station"], row["port"]],
-                Moment(row["tick_max"], row["time_max"]),
-            )
-            for column, reason in reasons_of(row["reasons"]):
+            for key, moment, value in by_port.last(column):
+                known = self.ports[key].values
+                known[column] = _newer(known.get(column), Last(moment, value))
+        for key, obtained in by_port.count(MAIN):
+            self.ports[key].obtained += obtained
+        for key, moment, reasons, count in by_port.failures():
+            port = self.ports[key]
+            for column, reason in reasons_of(reasons):
                 port.failures[column] = _newer(port.failures.get(column), Last(moment, reason))
-                port.missing += row["count_all"] if column == MAIN else 0
+                port.missing += count if column == MAIN else 0
+        for key, points in by_port.points():
+            self.ports[key].points.add(*points)
+        for key, interval, sums in by_port.sums():
+            self.ports[key].means.add(interval, sums)
 
 
 def _newer(known: Last | None, new: Last) -> Last:
     return new if known is None or new.moment.tick >= known.moment.tick else known
 
 
-class _Rows:
-    """Rows of samples, grouped by port."""
+class _ByPort:
+    """Rows of samples, sorted by port and tick."""
 
     def __init__(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        self.rows = rows
         stations = rows["station"].combine_chunks().dictionary_encode()
-        self._names = stations.dictionary.to_pylist()
-        ports = np.asarray(rows["port"].to_numpy(), dtype=np.int64)
-        self._codes = np.asarray(stations.indices.to_numpy(), dtype=np.int64) * WIDEST + ports
-        self._moments = [rows["tick"].to_numpy(), rows["time"].cast(pa.int64()).to_numpy()]
-        period = np.array([periods.get(name) or np.nan for name in self._names])[
-            stations.indices.to_numpy()
-        ]
-        ticks, times = self._moments
-        self.seconds = np.where(np.isnan(period), times / 1e6, ticks * period)
+        names = stations.dictionary.to_pylist()
+        station = np.asarray(stations.indices.to_numpy())
+        port = np.asarray(rows["port"].to_numpy())
+        ticks = np.asarray(rows["tick"].to_numpy())
+        order = np.lexsort((ticks, port, station))
+        if (order[1:] < order[:-1]).any():
+            rows = rows.take(pa.array(order))
+            station, port, ticks = station[order], port[order], ticks[order]
+        is_first = np.ones(len(rows), dtype=bool)
+        is_first[1:] = (station[1:] != station[:-1]) | (port[1:] != port[:-1])
+        self._rows = rows
+        self._ticks = ticks
+        self._times = np.asarray(rows["time"].cast(pa.int64()).to_numpy())
+        period_s = np.array([periods.get(name) or np.nan for name in names])[station]
+        self._seconds = np.where(np.isnan(period_s), self._times / 1e6, ticks * period_s)
+        self._starts = np.flatnonzero(is_first)
+        self._ends = np.append(self._starts[1:], len(rows))
+        places = zip(station[self._starts].tolist(), port[self._starts].tolist(), strict=True)
+        self._keys: list[PortKey] = [(names[code], number) for code, number in places]
 
     def last(self, column: str) -> Iterator[tuple[PortKey, Moment, object]]:
         """Yield the last value of a column for each port that has one."""
-        values, places = self.rows[column], self._read(column)
-        codes, from_end = np.unique(self._codes[places][::-1], return_index=True)
-        rows = places[::-1][from_end]
-        ticks, times = (moments[rows].tolist() for moments in self._moments)
-        for code, tick, time, value in zip(
-            codes.tolist(), ticks, times, values.take(pa.array(rows)).to_pylist(), strict=True
-        ):
-            yield self._key(code), Moment(tick, time), value
+        values = self._rows[column]
+        if values.null_count == len(values):
+            return
+        at = self._ends - 1
+        if values.null_count:
+            with_value = np.where(self._is_valid(column), np.arange(len(values)), -1)
+            at = np.maximum.reduceat(with_value, self._starts)
+        ports = np.flatnonzero(at >= 0)
+        at = at[ports]
+        moments = zip(self._ticks[at].tolist(), self._times[at].tolist(), strict=True)
+        taken = values.take(pa.array(at)).to_pylist()
+        for port, moment, value in zip(ports.tolist(), moments, taken, strict=True):
+            yield self._keys[port], Moment(*moment), value
 
     def count(self, column: str) -> Iterator[tuple[PortKey, int]]:
         """Yield the number of values in a column for each port."""
-        codes, counts = np.unique(self._codes[self._read(column)], return_counts=True)
-        for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
-            yield self._key(code), count
+        counts = np.add.reduceat(self._is_valid(column), self._starts, dtype=np.int64)
+        yield from zip(self._keys, counts.tolist(), strict=True)
 
-    def sums(self, stretch_s: float) -> Iterator[tuple[PortKey, int, tuple[float, ...]]]:
-        """Yield sum and count of temperature and power for each port and interval."""
-        if not len(self.rows):
+    def failures(self) -> Iterator[tuple[PortKey, Moment, str, int]]:
+        """Yield each port's different `reasons`, when they were last, and how often."""
+        rows = self._rows
+        if rows["reasons"].null_count == len(rows):
             return
-        ports, of_port = np.unique(self._codes, return_inverse=True)
-        stretches = np.floor(self.seconds / stretch_s + SAME).astype(np.int64)
-        first, last = int(stretches.min()), int(stretches.max())
-        width = last - first + 1
-        pairs, of_pair = np.unique(of_port * width + stretches - first, return_inverse=True)
+        failed = rows.select(["station", "port", "reasons", "tick"])
+        failed = failed.append_column("us", rows["time"].cast(pa.int64()))
+        failed = failed.filter(pc.is_valid(failed["reasons"]))
+        grouped = failed.group_by(["station", "port", "reasons"])
+        for row in grouped.aggregate(
+            [("tick", "max"), ("us", "max"), ([], "count_all")]
+        ).to_pylist():
+            moment = Moment(row["tick_max"], row["us_max"])
+            yield (row["station"], row["port"]), moment, row["reasons"], row["count_all"]
+
+    def points(self) -> Iterator[tuple[PortKey, list[list[Any]]]]:
+        """Yield seconds, temperatures and powers of each port's last minute here."""
+        oldest_s = self._seconds[self._ends - 1] - TRACE_S
+        is_recent = self._seconds >= np.repeat(oldest_s, self._ends - self._starts)
+        at = np.flatnonzero(is_recent)
+        rows = self._rows.select([MAIN, POWER]).take(pa.array(at))
+        columns = [self._seconds[at].tolist(), *(column.to_pylist() for column in rows.columns)]
+        ends = np.searchsorted(at, self._ends).tolist()
+        for key, start, end in zip(self._keys, [0, *ends[:-1]], ends, strict=True):
+            yield key, [column[start:end] for column in columns]
+
+    def sums(self) -> Iterator[tuple[PortKey, int, NDArray[np.float64]]]:
+        """Yield sum and count of temperature and power for each port and interval."""
+        intervals = np.floor(self._seconds / MEAN_S + SAME).astype(np.int64)
+        is_first = np.ones(len(intervals), dtype=bool)
+        is_first[1:] = intervals[1:] != intervals[:-1]
+        is_first[self._starts] = True
+        starts = np.flatnonzero(is_first)
         columns = []
         for column in (MAIN, POWER):
-            values = np.asarray(self.rows[column].cast(pa.float64()).to_numpy(), dtype=np.float64)
-            columns += [
-                np.bincount(of_pair, np.nan_to_num(values)),
-                np.bincount(of_pair, ~np.isnan(values)),
-            ]
-        for pair, *sums in zip(
-            pairs.tolist(), *(column.tolist() for column in columns), strict=True
+            values = self._rows[column].cast(pa.float64()).to_numpy()
+            columns.append(np.add.reduceat(np.nan_to_num(values), starts))
+            columns.append(np.add.reduceat(~np.isnan(values), starts, dtype=np.float64))
+        sums = np.stack(columns, axis=1)
+        ports = np.searchsorted(self._starts, starts, side="right") - 1
+        for place, (port, interval) in enumerate(
+            zip(ports.tolist(), intervals[starts].tolist(), strict=True)
         ):
-            port, stretch = divmod(pair, width)
-            yield self._key(int(ports[port])), stretch + first, tuple(sums)
+            yield self._keys[port], interval, sums[place]
 
-    def _read(self, column: str) -> NDArray[np.int64]:
-        """Return the rows in which a column has a value."""
-        values = self.rows[column]
-        return (
-            np.flatnonzero(np.asarray(pc.is_valid(values).to_numpy()))
-            if values.null_count
-            else np.arange(len(values))
-        )
-
-    def _key(self, code: int) -> PortKey:
-        station, port = divmod(code, WIDEST)
-        return self._names[station], port
+    def _is_valid(self, column: str) -> NDArray[np.bool_]:
+        return np.asarray(pc.is_valid(self._rows[column]).to_numpy())

@@ -123,10 +123,10 @@ class Setting:
     """The last reading of a setting; `outcome` says why there is none."""
 
     port: int | None
-    tool: str | None
+    tool_name: str | None
     name: str
     value: str | None
-    unit: str
+    uom: str
     outcome: str
 
 
@@ -137,7 +137,7 @@ class Counter:
     port: int | None
     name: str
     value: float | None
-    unit: str
+    uom: str
     raw: str
 
 
@@ -152,7 +152,7 @@ class PortState:
 
     station: str
     port: int
-    tool: str | None
+    tool_name: str | None
     condition: Condition
     quality: str | None
     row_age_s: float | None
@@ -174,7 +174,7 @@ class PortState:
 
     @property
     def setpoint(self) -> Reading:
-        return self.reading("set_c")
+        return self.reading("setpoint_c")
 
     @property
     def power(self) -> Reading:
@@ -232,8 +232,8 @@ class RunState:
     product: str | None = None
     unit: str | None = None
     units: tuple[str, ...] = ()
-    started: str | None = None
-    ended: str | None = None
+    start: str | None = None
+    stop: str | None = None
     verdict: str | None = None
     exit_status: str | None = None
     stations: tuple[StationState, ...] = ()

@@ -13,7 +13,7 @@ from jbclog.core.rows import PortKey, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
 from jbclog.live.event_history import EventHistory, SettingHistory
-from jbclog.live.heartbeat import Heartbeat
+from jbclog.live.recorder_clock import RecorderClock
 from jbclog.live.sample_history import MAIN, Last, Moment, PortHistory, SampleHistory
 from jbclog.live.states import (
     NOT_READ,
@@ -36,18 +36,18 @@ NO_GRID_S: Final = 3.0  # longest interval between two rows of a station without
 # a row this far in the future was written before the clock was set back
 CLOCK_S: Final = 2.0
 FLAG: Final = "alarm_high"
-SETTING: Final = "set_c"
+SETTING: Final = "setpoint_c"
 DISCONNECTED: Final = "disconnected"  # in the reasons of rows
 NOT_SUPPORTED: Final = Reading(why="not supported", is_stale=False)
 
 
 @dataclass(frozen=True, slots=True)
 class RunView:
-    """Input of a state; `stations` with the facts of the live store."""
+    """Input of a state; `stations` with the facts of the journal."""
 
     folder: Path
     manifest: Manifest | None
-    heartbeat: Heartbeat
+    clock: RecorderClock
     stations: list[StationFacts]
     samples: SampleHistory
     events: EventHistory
@@ -66,15 +66,15 @@ class RunView:
             folder=self.folder,
             phase=phase,
             text=text,
-            commit_age_s=None if phase is Phase.FINALIZED else self.heartbeat.age_s,
+            commit_age_s=None if phase is Phase.FINALIZED else self.clock.age_s,
             line=None if manifest.line is None else manifest.line.name,
             operator=metadata.operator,
             order=metadata.order,
             product=metadata.product,
             unit=units[0] if len(units) == 1 else None,
             units=units,
-            started=manifest.started,
-            ended=manifest.ended,
+            start=manifest.start,
+            stop=manifest.stop,
             verdict=manifest.verdict,
             exit_status=manifest.exit_status,
             stations=tuple(self._station(facts, phase) for facts in self.stations),
@@ -148,7 +148,7 @@ class RunView:
         return PortState(
             station=facts.name,
             port=number,
-            tool=facts.tools.get(number),
+            tool_name=facts.tool_names.get(number),
             condition=_condition(
                 facts,
                 phase,
@@ -186,8 +186,8 @@ class RunView:
             for (name, _), port in self.samples.ports.items()
             if name == facts.name and port.newest
         ]
-        recorder_us = self.heartbeat.recorder_us()
-        now_us = None if recorder_us is None else recorder_us - self.events.host_offset_us
+        now_s = self.clock.now_s
+        now_us = None if now_s is None else now_s * 1e6 - self.events.host_offset_us
         return _Ages(now_us, max(newest, default=None), facts.period_s)
 
 

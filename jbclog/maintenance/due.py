@@ -42,8 +42,8 @@ Numbers = NDArray[np.float64]
 class Step:
     """The middle of the advance from one look to the next; times in seconds since 1970."""
 
-    begin: float
-    end: float
+    start: float
+    stop: float
     worked: float
 
 
@@ -65,7 +65,7 @@ class Pace:
 
 def pace_of(steps: Sequence[Step]) -> Pace | None:
     """Return the rate over these steps; None for less than two days or no advance."""
-    lasted = sum(step.end - step.begin for step in steps)
+    lasted = sum(step.stop - step.start for step in steps)
     worked = sum(step.worked for step in steps)
     if lasted < LEAST_LASTED or worked <= 0:
         return None
@@ -75,7 +75,7 @@ def pace_of(steps: Sequence[Step]) -> Pace | None:
 
 def _variance(steps: Sequence[Step], a_week: float) -> float:
     """Return the weighted mean of the usual variance and that of blocks of weeks."""
-    median_weeks = max(1.0, float(np.median([step.end - step.begin for step in steps])) / WEEK)
+    median_weeks = max(1.0, float(np.median([step.stop - step.start for step in steps])) / WEEK)
     length = BLOCK * math.ceil(median_weeks)
     blocks = _blocks(steps, length)
     if len(blocks) < 2:
@@ -86,7 +86,7 @@ def _variance(steps: Sequence[Step], a_week: float) -> float:
 
 def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
     """Return the advance in each block of `weeks`, back from the last look, without the rest."""
-    lasted = np.concatenate([[0.0], np.cumsum([step.end - step.begin for step in steps])])
+    lasted = np.concatenate([[0.0], np.cumsum([step.stop - step.start for step in steps])])
     worked = np.concatenate([[0.0], np.cumsum([step.worked for step in steps])])
     ends = np.arange(lasted[-1], -1e-6, -weeks * WEEK)[::-1]
     return np.diff(np.interp(ends, lasted, worked))
@@ -94,13 +94,13 @@ def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
 
 def _weekdays(steps: Sequence[Step]) -> tuple[float, ...]:
     """Return the share of each weekday by looks a day apart; equal shares if there are too few."""
-    daily = [step for step in steps if 0.5 * DAY < step.end - step.begin < 1.5 * DAY]
+    daily = [step for step in steps if 0.5 * DAY < step.stop - step.start < 1.5 * DAY]
     if len(daily) < LEAST_DAYS or len(daily) < 0.5 * len(steps):
         return (1.0,) * 7
     worked, lasted = np.zeros(7), np.zeros(7)
     for step in daily:
-        for day, part_s in days_between(step.begin, step.end):
-            worked[day] += step.worked * part_s / (step.end - step.begin)
+        for day, part_s in days_between(step.start, step.stop):
+            worked[day] += step.worked * part_s / (step.stop - step.start)
             lasted[day] += part_s
     if worked.sum() <= 0 or not lasted.all():
         return (1.0,) * 7
@@ -228,7 +228,7 @@ class TaskState:
     title: str
     port: int | None
     counter: str
-    unit: str
+    uom: str
     life: float
     used: Interval | None
     percent: Interval | None

@@ -25,7 +25,7 @@ class Meter:
 
     port: int
     counter: str
-    unit: str
+    uom: str
     read: Count | None
     counter_total: CounterTotal
     last: Difference | None
@@ -44,7 +44,7 @@ class UseFigure:
 
     name: str
     title: str
-    unit: str
+    uom: str
     value: float | None
     range: Interval | None = None
     port: int | None = None
@@ -63,7 +63,7 @@ class Week:
     evenly.
     """
 
-    begin: str
+    start: str
     per_day: Interval | None
     is_spread: bool = False
 
@@ -161,7 +161,7 @@ class Title:
     """The texts of a figure."""
 
     text: str
-    unit: str
+    uom: str
     by: str = ""
 
 
@@ -216,7 +216,7 @@ def known(
     is not the middle.
     """
     title = TITLES[name]
-    found = UseFigure(name, title.text, title.unit, stated, value, n=n, days=days, by=title.by)
+    found = UseFigure(name, title.text, title.uom, stated, value, n=n, days=days, by=title.by)
     if stated is not None:
         return found
     return (
@@ -228,7 +228,7 @@ def known(
 
 def unknown(name: str, why: str) -> UseFigure:
     """Return a figure that is not known, with the reason."""
-    return UseFigure(name, TITLES[name].text, TITLES[name].unit, None, why=why, by=TITLES[name].by)
+    return UseFigure(name, TITLES[name].text, TITLES[name].uom, None, why=why, by=TITLES[name].by)
 
 
 # -- findings --------------------------------------------------------------------------------------

@@ -149,7 +149,7 @@ def _held(look: Observation) -> Iterator[Held]:
     if look.identity is None:
         return
     kind = look.identity.model or look.identity.family
-    tools = {str(port): tool for port, tool in look.tools.items()}
+    tools = {str(port): tool for port, tool in look.tool_names.items()}
     if look.identity.software is not None:
         yield Held(look.station, "software", look.identity.software, ("software", kind))
     for name, value in sorted(look.parameters.items()):
@@ -282,7 +282,7 @@ def _meters(now: Observation, history: History, traces: Traces) -> Iterator[Mete
         else:
             one = read[key]
             unknown = CounterTotal(Interval(0.0, math.inf), now.time, 0.0, is_known=False)
-            yield Meter(one.port, one.counter, one.unit, one, unknown, None, None)
+            yield Meter(one.port, one.counter, one.uom, one, unknown, None, None)
 
 
 def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
@@ -293,7 +293,7 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
     return Meter(
         port=trace.port,
         counter=trace.counter,
-        unit=trace.unit,
+        uom=trace.uom,
         read=read,
         counter_total=trace.counter_total,
         last=trace.difference(-1) if trace.kept else None,
@@ -308,7 +308,7 @@ def _changes(now: Observation, traces: Traces) -> Iterator[Difference]:
     """Yield the differences that end with this look."""
     for _, trace in sorted(traces.now.items()):
         last = [trace.difference(-1)] if trace.kept else []
-        yield from (change for change in (*trace.aside, *last) if change.end == now.time)
+        yield from (change for change in (*trace.aside, *last) if change.stop == now.time)
 
 
 def unanswered_falls(book: Book, place: Place) -> list[tuple[str, str]]:
@@ -319,7 +319,7 @@ def unanswered_falls(book: Book, place: Place) -> list[tuple[str, str]]:
     if history is None:
         return []
     spans = {
-        (change.begin, change.end)
+        (change.start, change.stop)
         for trace in traces_of(history).now.values()
         for change in (*trace.aside, *trace.differences)
         if change.rule in BREAKS
@@ -339,11 +339,11 @@ def _question(changes: Iterable[Difference], station: str) -> str:
     more = len(broken) - len(each)
     if more:
         each.append(f"and {more} more")
-    begin, end = max(change.begin for change in broken), broken[0].end
-    command = f"jbclog maintenance done --station {quote(station)} --at {end} --task"
+    start, stop = max(change.start for change in broken), broken[0].stop
+    command = f"jbclog maintenance done --station {quote(station)} --at {stop} --task"
     return (
-        f"{'; '.join(each)}: reset, exchanged, or rolled over between {_minute(begin)} and"
-        f" {_minute(end)}. Record which: `{command}` {', '.join(STATED[:-1])} or {STATED[-1]}"
+        f"{'; '.join(each)}: reset, exchanged, or rolled over between {_minute(start)} and"
+        f" {_minute(stop)}. Record which: `{command}` {', '.join(STATED[:-1])} or {STATED[-1]}"
     )
 
 

@@ -10,27 +10,19 @@ from __future__ import annotations
 import errno
 import os
 from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Final, TypeVar, overload
 
 import msgspec
 
+from jbclog.core.chain import Chain, damage_in, line_of, sha256
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import (
-    LineChain,
-    add_lines,
-    chain_of,
-    damage_in,
-    first_faults,
-    line_of,
-    sha256,
-)
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.files import Kind, each_line, open_regular
+from jbclog.core.files import Kind, open_regular
 from jbclog.core.json_files import expect_time
 from jbclog.core.locks import try_lock
 from jbclog.core.operating_system import sync_folder
@@ -52,7 +44,6 @@ from jbclog.maintenance.counter_totals.observed import (
 
 V = TypeVar("V")
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
-OWN: Final = b', "sha256": "'
 PORTS: Final = frozenset(range(64))  # a station has at most four
 
 
@@ -97,10 +88,12 @@ def unit_of(counter: str) -> str:
 
 def written(entry: Entry) -> bytes:
     """Format an entry with its own hash, without the line's end."""
-    plain = msgspec.to_builtins(entry, str_keys=True, enc_hook=list)  # of `Counts`
-    return line_of(
-        {**plain, **_tables_of(entry.counts)} if isinstance(entry, Observation) else plain
-    )
+    return line_of(_fields(entry))
+
+
+def _fields(entry: Entry) -> dict[str, object]:
+    plain: dict[str, object] = msgspec.to_builtins(entry, str_keys=True, enc_hook=list)  # `Counts`
+    return plain | _tables_of(entry.counts) if isinstance(entry, Observation) else plain
 
 
 def _tables_of(counts: Sequence[Count]) -> dict[str, object]:
@@ -117,20 +110,16 @@ def _cell(one: Count) -> tuple[str, object]:
     return ("moving", list(one.values)) if one.standing is Standing.MOVING else ("unread", one.why)
 
 
-def read_line(line: bytes) -> Entry | None:
-    """Parse a line; None unless its hash is right and its content an entry, whose times can be
-    compared.
-    """
-    body, own, rest = line.rpartition(OWN)
-    body += b"}"
-    if not own or rest != sha256(body).encode() + b'"}':
-        return None
+def read_entry(body: bytes) -> Entry:
+    """Parse the JSON of a line, whose times must be comparable. Raises ValueError."""
     try:
         return _observation(body)
     except (ValueError, RecursionError):  # a fact, or neither
-        with suppress(ValueError, RecursionError):
-            return _fact(body)
-    return None
+        pass
+    try:
+        return _fact(body)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
 
 
 def _fact(body: bytes) -> Fact:
@@ -157,7 +146,16 @@ def _observation(body: bytes) -> Observation:
 
 Name = tuple[int, str]
 """Port and counter."""
-OF_A_STATION: Final = ("line", "station", "url", "why", "source", "identity", "tools", "parameters")
+OF_A_STATION: Final = (
+    "line",
+    "station",
+    "url",
+    "why",
+    "source",
+    "identity",
+    "tool_names",
+    "parameters",
+)
 
 
 class Counts(Sequence[Count]):
@@ -196,15 +194,15 @@ class Counts(Sequence[Count]):
 
 
 class _Reader:
-    """Parses the lines of one ledger in their order."""
+    """Parses the entries of one ledger in their order."""
 
     def __init__(self) -> None:
         self._names: dict[tuple[Name, ...], tuple[Name, ...]] = {}
         self._of_station: dict[tuple[str, str], Observation] = {}
         self._before: Observation | None = None
 
-    def __call__(self, line: bytes) -> Entry | None:
-        entry = read_line(line)
+    def __call__(self, body: bytes) -> Entry:
+        entry = read_entry(body)
         if isinstance(entry, Observation):
             self._keep(entry)
         return entry
@@ -249,8 +247,8 @@ class AuditInProgress(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last
-    line.
+    """Every readable line, oldest first; what is wrong (line, sentence), at most 101; the hash of
+    the last line.
     """
 
     path: Path
@@ -288,28 +286,20 @@ class Book:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is wrong, a sentence each; at most 101."""
-        return tuple(
-            f"{self.path}: line {number} {text}" for number, text in first_faults(self.wrong)
-        )
+        """What is wrong, a sentence each."""
+        return tuple(f"{self.path}: line {number} {text}" for number, text in self.wrong)
 
 
 def read_book(path: Path) -> Book:
     """Return the ledger at `path`; an empty one if there is no file. Raises `RecordError`."""
     try:
         with open_regular(path, Kind.LEDGER, links=True) as file:
-            found: LineChain[Entry] = chain_of(
-                each_line(file),
-                FIRST,
-                _Reader(),
-                what="line of a ledger",
-                of_first="a ledger's beginning",
-            )
+            content = _chain(path, _Reader()).content(file)
     except FileNotFoundError:
         return Book(path)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error, path)}") from error
-    return Book(path, found.entries, found.wrong, found.head)
+    return Book(path, content.entries, content.wrong, content.head)
 
 
 def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
@@ -318,20 +308,26 @@ def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
 
     On a full disk only the first of them may be written. Raises `RecordError`.
     """
-    kept: list[Entry] = []
-
-    def made(entry: Entry, seq: int, previous: str) -> bytes:
-        kept.append(replace(entry, seq=seq, prev_sha256=previous))
-        return written(kept[-1])
-
     try:
         if not path.parent.is_dir():
             path.parent.mkdir(parents=True)
             sync_folder(path.parent.absolute().parent)
-        add_lines(path, FIRST, read_line, entries, made)
+        kept = _chain(path, read_entry).append(*entries)
     except OSError as error:
         raise RecordError(f"{path} cannot be written: {_why(error, path)}") from error
-    return kept
+    return [entry for _, entry in kept]
+
+
+def _chain(path: Path, build: Callable[[bytes], Entry]) -> Chain[Entry]:
+    return Chain(
+        path,
+        Kind.LEDGER,
+        build,
+        what="line of a ledger",
+        first=FIRST,
+        of_first="a ledger's beginning",
+        fields=_fields,
+    )
 
 
 def _why(error: OSError, path: Path) -> str:
@@ -342,9 +338,11 @@ def _why(error: OSError, path: Path) -> str:
 
 @contextmanager
 def auditing(path: Path) -> Iterator[None]:
-    """Lock the ledger for one audit. Raises `AuditInProgress` during another one, `RecordError` if
-    the lock cannot be made.
+    """Lock the ledger for one audit. Raises `UsageError` for a path without a name, such as ``.``,
+    `AuditInProgress` during another one, `RecordError` if the lock cannot be made.
     """
+    if not path.name:
+        raise UsageError(f"the ledger {path} is a folder; name a file in it")
     lock = path.with_name(path.name + LOCK)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -29,8 +29,8 @@ class Used:
     """A run that used a tip of the station, its ports and the tip named for each (or None)."""
 
     folder: Path
-    started: str | None
-    ended: str | None
+    start: str | None
+    stop: str | None
     ports: tuple[int, ...]
     tips: tuple[str | None, ...]
     units: tuple[str, ...]
@@ -97,7 +97,7 @@ def _is_suspect(run: Found, station: str, window: Suspect) -> bool:
 
 
 def _expect_known(runs: Iterable[Found | Unreadable], out: Path, book: Book, station: str) -> None:
-    names: set[str] = {one.station for one in book.all}
+    names: set[str] = {one.station for one in book.entries}
     if station in names or book.wrong:
         return
     for run in runs:
@@ -115,7 +115,7 @@ def _window(
 ) -> Suspect:
     these = [
         one
-        for one in book.all
+        for one in book.entries
         if one.station == station
         and one.is_valid
         and port in (None, one.port)
@@ -150,8 +150,8 @@ def _moment(one: Verification | None) -> datetime | None:
 
 def _was_on(run: Found, window: Suspect) -> bool:
     """Whether the run and the window overlap; a run without an end is taken to continue."""
-    began = None if run.host_started is None else datetime.fromisoformat(run.host_started)
-    ended = None if run.host_ended is None else datetime.fromisoformat(run.host_ended)
+    began = None if run.host_start is None else datetime.fromisoformat(run.host_start)
+    ended = None if run.host_stop is None else datetime.fromisoformat(run.host_stop)
     is_before = window.since is not None and ended is not None and ended < window.since
     is_after = window.until is not None and began is not None and began > window.until
     return not (is_before or is_after)
@@ -169,8 +169,8 @@ def _used(run: Found, station: str, port: int | None, tip: str | None) -> Iterat
         tips = tuple(named[number] for number in these)
         yield Used(
             run.folder,
-            run.started,
-            run.ended,
+            run.start,
+            run.stop,
             tuple(these),
             tips,
             run.units,

@@ -18,7 +18,7 @@ temperature. So write it by hand, and verify again.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from math import sqrt
@@ -26,20 +26,12 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Final
 
+from jbclog.core.chain import Chain, Content
 from jbclog.core.clock import utc_text
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import (
-    add_line,
-    chain_in,
-    damage_in,
-    fields_of,
-    first_faults,
-    line_of,
-    sha256,
-)
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.files import Kind, read_regular
-from jbclog.core.json_files import builder
+from jbclog.core.files import Kind
+from jbclog.core.json_files import decoder
 from jbclog.core.operating_system import sync_folder
 from jbclog.core.rows import TipCheck
 
@@ -63,9 +55,9 @@ class Own:
     temperature_c: float
     n: int = 0
     sd_c: float | None = None
-    set_c: float | None = None
+    setpoint_c: float | None = None
     adjust_c: float | None = None
-    tool: str | None = None
+    tool_name: str | None = None
     model: str | None = None
 
     @property
@@ -99,13 +91,13 @@ def unstable(
 
 def own_of(
     readings: Sequence[float],
-    set_c: float | None,
+    setpoint_c: float | None,
     adjust_c: float | None = None,
     tool: str | None = None,
     model: str | None = None,
 ) -> Own:
     """Return the mean of readings of a stable tip."""
-    return Own(fmean(readings), len(readings), stdev(readings), set_c, adjust_c, tool, model)
+    return Own(fmean(readings), len(readings), stdev(readings), setpoint_c, adjust_c, tool, model)
 
 
 # -- verification ----------------------------------------------------------------------------------
@@ -152,13 +144,13 @@ class Verification:
     station: str
     port: int
     tip: str
-    tool: str | None
+    tool_name: str | None
     model: str | None
     reading_c: float
     station_c: float
     station_n: int
     station_sd_c: float | None
-    set_c: float | None
+    setpoint_c: float | None
     adjust_c: float | None
     offset_c: float
     uncertainty_c: float
@@ -193,13 +185,13 @@ def verify(given: Given, own: Own, now: datetime) -> Verification:
         station=given.station,
         port=given.port,
         tip=given.tip,
-        tool=own.tool,
+        tool_name=own.tool_name,
         model=own.model,
         reading_c=given.reading_c,
         station_c=round(own.temperature_c, 2),
         station_n=own.n,
         station_sd_c=None if own.sd_c is None else round(own.sd_c, 3),
-        set_c=own.set_c,
+        setpoint_c=own.setpoint_c,
         adjust_c=own.adjust_c,
         offset_c=offset,
         uncertainty_c=round(known, 2),
@@ -243,8 +235,8 @@ def _outcome(
             ),
         )
     deviations = {"from the station's own reading": offset}
-    if own.set_c is not None:
-        deviations["from the setpoint"] = round(given.reading_c - own.set_c, 2)
+    if own.setpoint_c is not None:
+        deviations["from the setpoint"] = round(given.reading_c - own.setpoint_c, 2)
     listed = " and ".join(f"{value:+.1f} °C {what}" for what, value in deviations.items())
     worst = max(abs(value) for value in deviations.values())
     result = Result.PASS if worst <= given.limit_c else Result.FAIL
@@ -276,27 +268,14 @@ def needed_adjust_c(one: Verification) -> int | None:
 
 # -- verifications file ----------------------------------------------------------------------------
 # It lies in the folder of runs, which a line's recorders share. Each line holds its own SHA-256 and
-# that of the line before; the first line that of the file's name (`core/durable_files.py`). Each
+# that of the line before; the first line that of the file's name (`core/chain.py`). Each
 # run's manifest has the hashes of the lines that the run cites, so that lines missing at the end
 # show.
 
 NAME: Final = "verifications.jsonl"
-FIRST: Final = sha256(NAME.encode())
 
-
-@dataclass(frozen=True, slots=True)
-class Book:
-    """Every readable verification, oldest first, with the hashes of their lines; errors (line,
-    sentence).
-    """
-
-    all: list[Verification] = field(default_factory=list)
-    hashes: list[str] = field(default_factory=list)
-    wrong: list[tuple[int, str]] = field(default_factory=list)
-    head: str = FIRST
-
-    def hash_of(self, one: Verification) -> str:
-        return self.hashes[self.all.index(one)]
+Book = Content[Verification]
+"""Every verification, oldest first, with the hash of its line; problems of the file."""
 
 
 def keep(out: Path, one: Verification) -> tuple[Verification, str]:
@@ -304,55 +283,35 @@ def keep(out: Path, one: Verification) -> tuple[Verification, str]:
 
     Adds nothing to a file whose chain does not hold. Raises `RecordError`.
     """
-    found = read_book(out)
-    if damage_in(found.wrong):
-        number, text = found.wrong[0]
+    damage = read_book(out).damage
+    if damage:
         raise RecordError(
-            f"{out / NAME}: line {number} {text}; nothing was added. Restore the file from a copy,"
-            " or move it away"
+            f"{out / NAME}: {damage[0]}; nothing was added. Restore the file from a copy, or move"
+            " it away"
         )
-    kept: list[Verification] = []
-
-    def made(seq: int, previous: str) -> bytes:
-        kept.append(replace(one, seq=seq, prev_sha256=previous))
-        return line_of(asdict(kept[0]))
-
     try:
         if not out.is_dir():
             out.mkdir(parents=True)
             sync_folder(out.absolute().parent)
-        head = add_line(out / NAME, FIRST, _parsed, made)
+        ((head, kept),) = _chain(out).append(one)
     except OSError as error:
         raise RecordError(f"{out / NAME} cannot be written: {write_failure(error, out)}") from error
-    return kept[0], head
+    return kept, head
 
 
 def read_book(out: Path) -> Book:
     """Return every verification in the folder `out`; none without a file. Raises `RecordError`."""
     try:
-        found = chain_in(
-            read_regular(out / NAME, Kind.VERIFICATIONS),
-            FIRST,
-            _parsed,
-            what="verification",
-            of_first="the file's name",
-        )
-    except FileNotFoundError:
-        return Book()
+        return _chain(out).read()
     except OSError as error:
         raise RecordError(f"{out / NAME} cannot be read: {error.strerror or error}") from error
-    return Book(found.entries, found.hashes, first_faults(found.wrong), found.head)
 
 
-_build_verification: Final = builder(Verification)
+_read_verification: Final = decoder(Verification)
 
 
-def _parsed(line: bytes) -> Verification | None:
-    try:
-        found = _build_verification(fields_of(line))
-        return found if line_of(asdict(found)) == line else None
-    except ValueError:
-        return None
+def _chain(out: Path) -> Chain[Verification]:
+    return Chain(out / NAME, Kind.VERIFICATIONS, _read_verification, what="verification")
 
 
 # -- cited -----------------------------------------------------------------------------------------
@@ -371,7 +330,7 @@ def last_valid(
     """
     fitting = (
         one
-        for one in reversed(book.all)
+        for one in reversed(book.entries)
         if (one.station, one.port) == (station, port)
         and one.is_valid
         and (tip is None or one.tip == tip)
@@ -397,9 +356,8 @@ def cited(
 
 
 def _one(book: Book, station: str, port: int, tip: str | None, begin: datetime) -> TipCheck:
-    damaged = damage_in(book.wrong)
-    if damaged:
-        return TipCheck(station, port, UNREADABLE, f"{NAME} is damaged: {damaged[0]}.")
+    if book.damage:
+        return TipCheck(station, port, UNREADABLE, f"{NAME} is damaged: {book.damage[0]}.")
     found = last_valid(book, station, port, tip, begin)
     if found is not None:
         return _tip_check(book, found, begin, found.result, found.text)
@@ -428,11 +386,11 @@ def _tip_check(book: Book, one: Verification, begin: datetime, state: str, text:
         one.limit_c,
         one.adjust_c,
         one.seq,
-        book.hash_of(one),
+        next(link for link, entry in book.lines if entry is one),
     )
     return TipCheck(one.station, one.port, state, text, *seen)
 
 
 def places_of(book: Book, station: str) -> Sequence[int]:
     """Return the ports of a station that were ever verified."""
-    return sorted({one.port for one in book.all if one.station == station})
+    return sorted({one.port for one in book.entries if one.station == station})

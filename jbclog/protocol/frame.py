@@ -130,36 +130,31 @@ class FrameReader:
         """Drop the kept bytes and return their number."""
         forgotten = len(self.held) - self._lent
         self.garbage += forgotten
-        self.held, self._lent = b"", 0
+        self.forget()
         return forgotten
 
-    def keep(self, chunk: bytes) -> bool:
-        """Keep `chunk`, as `feed` would, if the held bytes are then the beginning of one frame;
-        return True if kept.
-        """
-        stream = self.held + chunk
-        if _BEGUN.match(stream) is None:
-            return False
-        self.held = stream
-        return True
+    def forget(self) -> None:
+        """Drop the kept bytes: with what followed they were a frame."""
+        self.held = b""
+        self._lent = 0
 
     def feed(self, chunk: bytes) -> list[Frame | CorruptFrame]:
         """Return the frames, correct and corrupt, that `chunk` completes."""
         stream = self.held + chunk
-        found: list[Frame | CorruptFrame] = []
-        place = 0
-        while match := _FRAME.search(stream, place):
-            self._drop(match.start() - place)
+        frames: list[Frame | CorruptFrame] = []
+        end = 0  # of the last frame
+        while match := _FRAME.search(stream, end):
+            self._drop(match.start() - end)
             frame = _checked(match)
             is_stx = match[2][0] == STX
-            place = match.end() - is_stx  # rule 3
+            end = match.end() - is_stx  # rule 3
             self._lent = int(is_stx and frame is not None)
-            found.append(frame or CorruptFrame(match[0]))
-        begun = _BEGUN.search(stream, place)
+            frames.append(frame or CorruptFrame(match[0]))
+        begun = _BEGUN.search(stream, end)
         kept = begun.start() if begun else len(stream)
-        self._drop(kept - place)
+        self._drop(kept - end)
         self.held = stream[kept:]
-        return found
+        return frames
 
     def _drop(self, count: int) -> None:
         if count:

@@ -73,17 +73,17 @@ class OmegaReader:
     def feed(self, chunk: bytes) -> list[str | CorruptFrame]:
         """Return the texts of frames, and the corrupt frames, that `chunk` completes, in order."""
         stream = self._held + chunk
-        found: list[str | CorruptFrame] = []
-        place = 0
-        while match := _FRAME.search(stream, place):
-            self.garbage += match.start() - place
-            place = match.end()
-            found.append(self._checked(match))
-        begun = _BEGUN.search(stream, place)
+        texts: list[str | CorruptFrame] = []
+        end = 0  # of the last frame
+        while match := _FRAME.search(stream, end):
+            self.garbage += match.start() - end
+            end = match.end()
+            texts.append(self._checked(match))
+        begun = _BEGUN.search(stream, end)
         kept = begun.start() if begun else len(stream)
-        self.garbage += kept - place
+        self.garbage += kept - end
         self._held = stream[kept:]
-        return found
+        return texts
 
     def _checked(self, match: re.Match[bytes]) -> str | CorruptFrame:
         if match[2] == sum_of(match[1]):

@@ -15,26 +15,18 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import accumulate
+from io import BytesIO
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.chain import Chain, Content, sha256
 from jbclog.core.clock import UTC_FORMAT
 from jbclog.core.disk_space import write_failure
-from jbclog.core.durable_files import (
-    add_line,
-    chain_in,
-    fields_of,
-    first_faults,
-    line_of,
-    lines_in,
-    sha256,
-)
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, read_regular
-from jbclog.core.json_files import builder, decoder
+from jbclog.core.json_files import decoder
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
@@ -61,7 +53,7 @@ class Annotation:
     prev_sha256: str
 
 
-_build_annotation: Final = builder(Annotation)
+_read_annotation: Final = decoder(Annotation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,20 +97,16 @@ def append(
     if not WORDS.fullmatch(kind):
         raise RecordError(f"{kind!r} is no kind of an annotation")
 
-    def made(seq: int, previous: str) -> bytes:
-        time = moment.strftime(UTC_FORMAT)
-        return line_of(
-            asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous))
-        )
-
+    said = Annotation(0, moment.strftime(UTC_FORMAT), kind, **texts, prev_sha256="")
     try:
         with suppress(FileNotFoundError):
-            read_regular(folder / NAME, Kind.ANNOTATIONS)  # refuses a file that is too large
-        return add_line(folder / NAME, first, _parsed, made)
+            read_regular(folder / NAME, Kind.ANNOTATIONS)  # refuses a file of too many lines
+        ((head, _),) = _chain(folder, first).append(said)
     except OSError as error:
         raise RecordError(
             f"{folder / NAME} cannot be written: {write_failure(error, folder)}"
         ) from error
+    return head
 
 
 def vouch(folder: Path, report_sha256: str) -> None:
@@ -140,36 +128,29 @@ def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
     """
     first = manifest_sha256 or _first_link(folder)
     try:
-        data = read_regular(folder / NAME, Kind.ANNOTATIONS)
-    except FileNotFoundError:
-        return Annotations(head=first, links={first: 0})
+        content = _chain(folder, first).read()
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
-    return annotations_in(data, first)
+    return _annotations(content, first)
 
 
 def annotations_in(data: bytes, first: str) -> Annotations:
     """Return the annotations in the bytes of their file; `first` is the hash of the manifest."""
-    found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
-    lines = lines_in(data)
-    vouching = {
-        link for said, link in zip(found.entries, found.hashes, strict=True) if said.kind == VOUCHED
-    }
-    links = [sha256(line) for line in lines]
-    said = {*found.hashes} - vouching
-    return Annotations(
-        [said for said in found.entries if said.kind != VOUCHED],
-        first_faults(found.wrong),
-        next((link for link in reversed(links) if link not in vouching), first),
-        dict(
-            zip(
-                (first, *links),
-                accumulate((link in said for link in links), initial=0),
-                strict=True,
-            )
-        ),
-        next((_report_in(said) for said in reversed(found.entries) if said.kind == VOUCHED), None),
-    )
+    return _annotations(_chain(Path(), first).content(BytesIO(data)), first)
+
+
+def _annotations(content: Content[Annotation], first: str) -> Annotations:
+    said: list[Annotation] = []
+    links = {first: 0}
+    head, report = first, None
+    for sha256_of_line, entry in content.lines:
+        if entry is not None and entry.kind == VOUCHED:
+            report = _report_in(entry)
+        else:
+            head = sha256_of_line
+            said += [] if entry is None else [entry]
+        links[sha256_of_line] = len(said)
+    return Annotations(said, content.wrong, head, links, report)
 
 
 def _report_in(said: Annotation) -> str:
@@ -178,13 +159,22 @@ def _report_in(said: Annotation) -> str:
     return which[1] if which else ""
 
 
-def _parsed(line: bytes) -> Annotation | None:
-    """Parse a line; None unless it is byte for byte what `append` writes."""
-    try:
-        said = _build_annotation(fields_of(line))
-        return said if _is_complete(said) and line_of(asdict(said)) == line else None
-    except ValueError:
-        return None
+def _chain(folder: Path, first: str) -> Chain[Annotation]:
+    return Chain(
+        folder / NAME,
+        Kind.ANNOTATIONS,
+        _build,
+        what="annotation",
+        first=first,
+        of_first="the manifest",
+    )
+
+
+def _build(body: bytes) -> Annotation:
+    said = _read_annotation(body)
+    if not _is_complete(said):
+        raise ValueError("it acknowledges nothing")
+    return said
 
 
 def _is_complete(said: Annotation) -> bool:

@@ -13,7 +13,7 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, read_regular
-from jbclog.core.rows import EventRow
+from jbclog.core.rows import SCHEMA_VERSION, EventRow
 from jbclog.core.text import count_text
 from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import (
@@ -23,13 +23,17 @@ from jbclog.record.manifest import (
     manifest_sha256,
     read_manifest,
 )
-from jbclog.record.schema import SCHEMAS
+from jbclog.record.old_names import OLD_COLUMNS, OLD_SCHEMA
+from jbclog.record.schema import RUN, SCHEMAS
 
 # Each event holds the SHA-256 of the previous event, the first one that of the run's name. A
 # changed, removed or inserted event breaks the chain there. A missing end shows by the hash of the
-# file in the manifest.
+# file in the manifest. An event is hashed with the names of its run's schema, and without `run`.
 
-COLUMNS: Final = tuple(SCHEMAS["events"].names)
+COLUMNS: Final = tuple(name for name in SCHEMAS["events"].names if name != RUN)
+FIRST: Final = {OLD_SCHEMA: 1, SCHEMA_VERSION: 0}
+"""Number of the first event, by schema."""
+_OLD_NAMES: Final = {now: name for name, now in OLD_COLUMNS["events"].items()}
 
 
 def first_link(run: str) -> str:
@@ -37,30 +41,37 @@ def first_link(run: str) -> str:
     return hashlib.sha256(run.encode()).hexdigest()
 
 
-def digest(row: Mapping[str, object]) -> str:
-    """Return the SHA-256 of an event as canonical JSON: all columns by name, times in µs, keys
-    sorted, no blanks.
+def digest(row: Mapping[str, object], schema: int = SCHEMA_VERSION) -> str:
+    """Return the SHA-256 of an event as canonical JSON: all columns but `run` by their names in
+    `schema`, times in µs, keys sorted, no blanks.
     """
+    names = _OLD_NAMES if schema == OLD_SCHEMA else {}
+    hashed = {names.get(name, name): value for name, value in row.items() if name != RUN}
     return hashlib.sha256(
-        json.dumps(row, sort_keys=True, separators=(",", ":")).encode()
+        json.dumps(hashed, sort_keys=True, separators=(",", ":")).encode()
     ).hexdigest()
 
 
 class Chain:
     """Numbers and links the events of a run in order."""
 
-    def __init__(self, run: str) -> None:
-        self._seq = 0
+    def __init__(self, run: str, schema: int = SCHEMA_VERSION) -> None:
+        self._schema = schema
+        self._next = FIRST[schema]
         self._previous = first_link(run)
 
     @classmethod
-    def after(cls, row: Mapping[str, object]) -> Chain:
+    def after(cls, row: Mapping[str, object], schema: int) -> Chain:
         """Continue a chain after its last `row` (times in µs)."""
-        chain = cls("")
+        chain = cls("", schema)
         seq = row["seq"]
         assert isinstance(seq, int)
-        chain._seq, chain._previous = seq, digest(row)
+        chain._next, chain._previous = seq + 1, digest(row, schema)
         return chain
+
+    def skip(self) -> None:
+        """Leave the next number to an event that is lost."""
+        self._next += 1
 
     def link(self, event: EventRow, rows: list[object]) -> None:
         """Append the row of `event` to `rows`, in the columns' order, and link it.
@@ -68,7 +79,7 @@ class Chain:
         Raises ValueError or TypeError for an invalid event, before linking it.
         """
         row = {
-            "seq": self._seq + 1,
+            "seq": self._next,
             "time": int(event.time),
             "earliest": _whole(event.earliest),
             "station": event.station,
@@ -78,28 +89,39 @@ class Chain:
             "code": _whole(event.code),
             "text": event.text,
             "value": None if event.value is None else float(event.value),
-            "limit": None if event.limit is None else float(event.limit),
+            "limit_value": _fraction(event.limit_value),
             "raw": event.raw,
             "prev_sha256": self._previous,
         }
-        previous, seq = digest(row), self._seq + 1
+        previous, following = digest(row, self._schema), self._next + 1
         rows.extend([row[column] for column in COLUMNS])
-        self._seq, self._previous = seq, previous
+        self._next, self._previous = following, previous
 
 
-def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:
-    """Yield the breaks in the chain of `rows` (times in µs): the event's seq, and what is wrong."""
-    previous, seq = first_link(run), 0
+def breaks(
+    run: str,
+    rows: Iterable[Mapping[str, object]],
+    schema: int = SCHEMA_VERSION,
+    *,
+    is_whole: bool = True,
+) -> Iterable[tuple[int, str]]:
+    """Yield the breaks in the chain of `rows` (times in µs) of a run of `schema`: the event's seq,
+    and what is wrong. Events missing from a record that is not whole are no break.
+    """
+    previous, seq = first_link(run), FIRST[schema] - 1
+    before = "the start"
     for row in rows:
         found = row["seq"]
         number = found if isinstance(found, int) else -1
-        if number != seq + 1:
+        if number > seq + 1 and not is_whole:
+            pass  # the manifest has the loss
+        elif number != seq + 1:
             yield (
                 number,
                 (
-                    f"follows event {seq}; {count_text(number - seq - 1, 'event')} missing"
+                    f"follows {before}; {count_text(number - seq - 1, 'event')} missing"
                     if number > seq
-                    else f"stands after event {seq}"
+                    else f"stands after {before}"
                 ),
             )
         elif row["prev_sha256"] != previous:
@@ -107,11 +129,15 @@ def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int
                 number,
                 "does not carry the hash of the event before it: one of the two was changed",
             )
-        previous, seq = digest(row), number
+        previous, seq, before = digest(row, schema), number, f"event {number}"
 
 
 def _whole(value: int | None) -> int | None:
     return None if value is None else int(value)
+
+
+def _fraction(value: float | None) -> float | None:
+    return None if value is None else float(value)
 
 
 # A manifest carries the fingerprint of the previous run on the same production line: the SHA-256 of

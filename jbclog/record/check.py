@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -20,11 +19,12 @@ from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.files import DEEPEST, is_plain_folder
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
 from jbclog.core.text import count_text, shortened
-from jbclog.record import capture, chains, sealed_files
+from jbclog.record import chains, wire
 from jbclog.record.clock_steps import KIND as STEP
-from jbclog.record.clock_steps import steps_of
-from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
+from jbclog.record.clock_steps import listed_steps
+from jbclog.record.conclude import is_later, live_files, sealed_file
 from jbclog.record.cross_check import cross_check
+from jbclog.record.folder import DERIVED
 from jbclog.record.guard_actions import event_dicts
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import (
@@ -36,16 +36,22 @@ from jbclog.record.manifest import (
     read_manifest,
     wrong_digest,
 )
-from jbclog.record.manifest_counts import MOST
-from jbclog.record.part_file import CHANGED
-from jbclog.record.parts import part_paths, read_through, row_groups
+from jbclog.record.old_names import OLD_SCHEMA
+from jbclog.record.part_file import CHANGED, open_part
+from jbclog.record.parts import SORTED, groups_of, part_paths, read_through, row_groups
+from jbclog.record.row_batches import NUMBERED
+from jbclog.record.samples_by_port import split_by_port
+from jbclog.record.schema import CAPTURE, INT, SCHEMAS, SEQ
 from jbclog.record.units import units_of
 
 NOT_LISTED: Final = "is not in the manifest"
 MOST_OF_A_KIND: Final = 100  # findings
 LONGEST: Final = 2000  # characters of a finding that repeats text of the tables
-# a crash at the start, or a report, leaves them empty
-MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")
+# a crash at the start, or while something is derived, leaves them empty
+MAY_BE_EMPTY: Final = ("recipes", CAPTURE, "figures", "tables", DERIVED)
+
+OLD_CAPTURE: Final = ".tsv.gz"
+"""Of jbclog 0.1.0, compared by its hash."""
 
 
 class Finding(NamedTuple):
@@ -79,7 +85,6 @@ def check(folder: Path, head: str | None = None, *, with_report: bool = True) ->
     for kind in (
         cross_check(folder, manifest, head, with_report=with_report),
         _files(folder, manifest),
-        _wires(folder, manifest),
     ):
         findings += _first(kind)
     unreadable = [*_first(_unreadable(folder))]
@@ -87,9 +92,11 @@ def check(folder: Path, head: str | None = None, *, with_report: bool = True) ->
         return findings + unreadable
     try:
         for kind in (
+            _capture(folder, manifest),
             _ledger(folder, manifest),
             _units(folder, manifest),
             _events(folder, manifest),
+            _numbers(folder, manifest),
             _clock(folder, manifest),
             _samples(folder, follows_host=manifest.clock_steps is None),
         ):
@@ -177,36 +184,31 @@ def _unlisted(folder: Path, listed: Container[str], below: str = "") -> Iterator
 
 
 def _unreadable(folder: Path) -> Iterator[Finding]:
-    for table in TABLES:
-        if not part_paths(folder, table):
+    for table in (*TABLES, CAPTURE):
+        paths = part_paths(folder, table)
+        if not paths and table != CAPTURE:
             yield Finding(f"{table}/", "has no part")
-        for path in part_paths(folder, table):
+        for path in paths:
             try:
                 read_through(path)
             except (OSError, RecordError) as error:
                 yield Finding(f"{table}/{path.name}", f"cannot be read: {error}")
 
 
-def _wires(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    for path in capture.wire_paths(folder):
-        name = path.relative_to(folder).as_posix()
-        try:
-            yield from (Finding(name, text) for text in sealed_files.losses(path))
-            if manifest.wire == capture.WHOLE and sealed_files.ends_early(path):
-                yield Finding(
-                    name, "ends before its session, although the manifest says that it is whole"
-                )
-        except OSError as error:
-            yield Finding(name, f"cannot be read: {error.strerror or error}")
+def _capture(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    if manifest.wire != wire.WHOLE:
+        return
+    for text in wire.losses(folder):
+        yield Finding(f"{CAPTURE}/", f"{text}, and the manifest says that the capture is whole")
 
 
 def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    rows = {file.path: file.rows for file in manifest.files}
-    for found in files_of(folder):
-        if found.rows != rows.get(found.path, found.rows):
-            yield Finding(
-                found.path, f"has {found.rows} rows, the manifest says {rows[found.path]}"
-            )
+    for listed in manifest.files:
+        if listed.path.endswith(OLD_CAPTURE):
+            continue
+        rows = _rows_in(folder / listed.path)
+        if rows is not None and rows != listed.rows:
+            yield Finding(listed.path, f"has {rows} rows, the manifest says {listed.rows}")
     derived = ledger_of(folder, manifest.stations)
     ours, theirs = _by_place(derived), _by_place(manifest.ledger)
     for place in sorted(ours.keys() | theirs.keys()):
@@ -218,6 +220,14 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     if manifest.exit_status != "lost" and manifest.lost is None:
         for facts in manifest.stations:
             yield from (Finding("samples/", text) for text in disagreements(derived, facts))
+
+
+def _rows_in(path: Path) -> int | None:
+    """Return the rows of a part; None for another file, or none."""
+    if path.suffix == ".parquet" and path.parent.name in SCHEMAS and path.exists():
+        with open_part(path) as part:
+            return part.num_rows
+    return None
 
 
 def _by_place(ledger: Ledger) -> dict[tuple[str, str, str], object]:
@@ -239,17 +249,59 @@ def _clock(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     """Check the steps of the host's clock, and that the run ends after its start."""
     if manifest.clock_steps is None:
         return
-    if manifest.clock_steps != steps_of(folder)[: MOST["clock steps"]]:
+    if manifest.clock_steps != listed_steps(folder):
         yield Finding(NAME, "clock_steps: differ from those in the events")
-    started, ended = manifest.started, manifest.ended
-    if started and ended and datetime.fromisoformat(ended) < datetime.fromisoformat(started):
-        yield Finding(NAME, f"ended: {ended} is before the start, {started}")
+    start, stop = manifest.start, manifest.stop
+    if start and stop and datetime.fromisoformat(stop) < datetime.fromisoformat(start):
+        yield Finding(NAME, f"stop: {stop} is before the start, {start}")
 
 
 def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     rows = (row for group in row_groups(folder, "events") for row in event_dicts(group))
-    for seq, text in chains.breaks(manifest.run, rows):
+    is_whole = not _may_lack_rows(manifest)
+    for seq, text in chains.breaks(manifest.run, rows, manifest.schema, is_whole=is_whole):
         yield Finding("events/", f"event {seq} {text}")
+
+
+def _may_lack_rows(manifest: Manifest) -> bool:
+    """Return True if rows may be missing between others. A loss of the last seconds takes none."""
+    return manifest.lost is not None and manifest.lost.seconds_at_most is None
+
+
+def _numbers(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    """Check that the rows of the other tables are numbered, and that no number is missing without a
+    known loss. Schema 1 has no numbers.
+    """
+    if manifest.schema == OLD_SCHEMA:
+        return
+    for table in TABLES:
+        if table == NUMBERED:
+            continue
+        last = pa.array([-1])
+        missing = out_of_order = 0
+        for path in part_paths(folder, table):
+            numbers = _numbers_in(path)
+            if table == SORTED:  # by port, in which `_order` looks at their order
+                numbers = numbers.take(pc.sort_indices(numbers))
+            known = numbers.drop_null()
+            steps = pc.pairwise_diff(pa.concat_arrays([last, known])).drop_null()
+            rises = pc.greater(steps, 0)
+            out_of_order += numbers.null_count + len(steps) - (pc.sum(rises).as_py() or 0)
+            missing += pc.sum(pc.subtract(steps.filter(rises), 1)).as_py() or 0
+            if len(known):
+                last = known[-1:]
+        if out_of_order:
+            places = count_text(out_of_order, "place")
+            yield Finding(f"{table}/", f"seq does not rise in {places}")
+        if missing and not _may_lack_rows(manifest):
+            rows = count_text(missing, "row")
+            yield Finding(f"{table}/", f"{rows} missing by seq, and the manifest says no loss")
+
+
+def _numbers_in(part: Path) -> pa.Array:
+    """Return the numbers of a part's rows, in its order."""
+    groups = [group[SEQ] for group in groups_of([part], [SEQ])]
+    return pa.chunked_array([chunk for one in groups for chunk in one.chunks], INT).combine_chunks()
 
 
 def _samples(folder: Path, *, follows_host: bool) -> Iterator[Finding]:
@@ -304,35 +356,37 @@ def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
 
 @dataclass(slots=True)
 class _Last:
-    """Last tick of a port, and the time of its last row, or of its last answer."""
+    """Last tick and number of a port, and the time of its last row, or of its last answer."""
 
     tick: int = -1
+    seq: int = -1
     time: int = 0
 
 
 def _order(
     rows: pa.Table, ends: dict[tuple[str, int], _Last], *, stepped: bool, only_answered: bool
 ) -> Iterator[Finding]:
-    """Check that ticks increase within a port, and that no time falls unless it was `stepped`.
+    """Check that ticks and numbers increase within a port, and that no time falls unless it was
+    `stepped`.
 
     In earlier versions a row without a temperature has its due time, which can precede a late
     answer to the previous tick: `only_answered`.
     """
-    known = rows.select(["station", "port", "tick", "time", "temperature_c"])
-    places = [("station", "ascending"), ("port", "ascending")]
-    ordered = known.take(pc.sort_indices(known, sort_keys=places))  # keeps the order within a port
-    counted = ordered.group_by(["station", "port"], use_threads=False)
-    begin = 0
-    for pair in counted.aggregate([([], "count_all")]).to_pylist():
-        station, port, count = pair["station"], pair["port"], pair["count_all"]
+    known = rows.select(["station", "port", "tick", SEQ, "time", "temperature_c"])
+    for (station, port), mine in split_by_port(known).items():
         last = ends.setdefault((station, port), _Last())
-        mine, begin = ordered.slice(begin, count), begin + count
         timed = mine.filter(pc.is_valid(mine["temperature_c"])) if only_answered else mine
         wrong, last.tick = _falls(mine["tick"], last.tick, strictly=True)
         if wrong:
             yield Finding(
                 "samples/",
                 f"{station} port {port}: ticks do not rise in {count_text(wrong, 'place')}",
+            )
+        wrong, last.seq = _falls(mine[SEQ].drop_null(), last.seq, strictly=True)
+        if wrong:
+            yield Finding(
+                "samples/",
+                f"{station} port {port}: seq does not rise in {count_text(wrong, 'place')}",
             )
         back, last.time = _falls(timed["time"].cast(pa.int64()), last.time, strictly=False)
         if back and not stepped:
@@ -347,6 +401,7 @@ def _falls(values: pa.ChunkedArray, before: int, *, strictly: bool) -> tuple[int
     """Return how often a value is not above (not `strictly`: below) the previous one; and the last
     value.
     """
-    numbers = [before, *values.to_pylist()]
-    falls = sum(one >= two if strictly else one > two for one, two in pairwise(numbers))
-    return falls, numbers[-1]
+    numbers = pa.concat_arrays([pa.array([before], INT), *values.chunks])
+    steps = pc.pairwise_diff(numbers).drop_null()
+    falls = pc.less(steps, 1 if strictly else 0)
+    return pc.sum(falls).as_py() or 0, numbers[-1].as_py()

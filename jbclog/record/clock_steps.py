@@ -30,6 +30,7 @@ KIND: Final = "clock.step"
 COLUMNS: Final = ["time", "kind", "value", "raw"]
 EARLIEST_START: Final = datetime(2020, 1, 1, tzinfo=UTC)
 LARGE_S: Final = 86_400.0
+MOST_LISTED: Final = 1000  # steps in a manifest; the events have all of them
 
 
 def is_inside(event: EventRow) -> bool:
@@ -42,6 +43,11 @@ def steps_of(folder: Path) -> list[ClockStep]:
     from jbclog.record.parts import row_groups
 
     return steps_in(row_groups(folder, "events", COLUMNS))
+
+
+def listed_steps(folder: Path) -> list[ClockStep]:
+    """Return the steps of a run that its manifest lists."""
+    return steps_of(folder)[:MOST_LISTED]
 
 
 def steps_in(events: Iterable[pa.Table]) -> list[ClockStep]:

@@ -6,8 +6,8 @@ before a manifest with state "sealed" is on the disk.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
+import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -17,18 +17,21 @@ from typing import Final, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.core import locks
 from jbclog.core.disk_space import write_failure_below
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, open_regular, read_regular
 from jbclog.core.json_files import json_of
-from jbclog.core.locks import FolderLock, commit_status
+from jbclog.core.locks import FolderLock
 from jbclog.core.operating_system import sync_folder
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text
-from jbclog.record import capture, clock_steps, guard_actions
+from jbclog.record import clock_steps, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
-from jbclog.record.folder import METRICS_CACHE
+from jbclog.record.damage import DAMAGE_NOTES, REMAINS, Damage, read_damage, summary_of
+from jbclog.record.folder import DERIVED, DERIVED_TABLES, derived_file
+from jbclog.record.journal_reader import Journal
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import (
     NAME,
@@ -43,23 +46,12 @@ from jbclog.record.manifest import (
     merged_facts,
     write_manifest,
 )
-from jbclog.record.manifest_counts import MOST
+from jbclog.record.part_chain import NAME as PARTS
+from jbclog.record.part_chain import ChainedPart, PartChain
 from jbclog.record.part_file import open_part
-from jbclog.record.parts import (
-    DAMAGE_NOTES,
-    REMAINS,
-    Damage,
-    complete,
-    note_damage,
-    part_paths,
-    read_damage,
-    row_groups,
-    set_aside,
-    summary_of,
-    through,
-)
-from jbclog.record.store import companions, segments
-from jbclog.record.store_reader import StoreReader
+from jbclog.record.part_writer import collected, write_part
+from jbclog.record.parts import part_paths
+from jbclog.record.schema import CAPTURE, SCHEMAS
 from jbclog.record.units import units_of
 
 # A tool's safe state is unknown if recorder and guard both died, without a guard, or if the guard
@@ -305,11 +297,18 @@ def _new(facts: StationFacts, texts: list[str]) -> list[str]:
 
 
 NOT_KEPT: Final = "could not be stored while the disk refused them"
-OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
-CACHES: Final = (METRICS_CACHE, f".{METRICS_CACHE}.tmp")  # the second: its writer was killed
-LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK, *CACHES)
+OF_REPORT: Final = ("report.html", "report.pdf", "report.json")
+DERIVED_FILES: Final = tuple(derived_file(table) for table in DERIVED_TABLES)
+# their writer was killed
+UNFINISHED: Final = tuple(f"{DERIVED}/.{table}.parquet.tmp" for table in DERIVED_TABLES)
+OF_EARLIER: Final = ("joints.parquet", "metrics.parquet")
+"""Derived tables where earlier versions left them; nothing reads them."""
+LATER: Final = (
+    *(NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK),
+    *(*DERIVED_FILES, *UNFINISHED, *OF_EARLIER),
+)
 """Files outside the sealed record: the manifest, annotations, the lease and lock of tools left hot,
-and the cache of metrics.
+and the derived tables.
 """
 # folders of a report, and their files' suffixes
 MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))
@@ -317,7 +316,6 @@ MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))
 TAKEN_IN: Final = (
     "line.toml",
     "recipes",
-    capture.FOLDER,
     guard_actions.ACTION_LOG,
     DAMAGE_NOTES,
     REMAINS,
@@ -334,27 +332,25 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     """
     lock.expect_ours()
     try:
-        complete(folder)
-        with StoreReader(folder) as store:
-            _refuse_unsealed(store)
-            note_damage(folder, store.damage)
-            stations = stations_of(folder, store, manifest)
+        with Journal(folder) as journal:
+            _refuse_unsealed(journal)
+            _complete(journal.chain)
+            stations = stations_of(folder, journal, manifest)
             stations = with_unknown(stations, unknown_tools(folder, stations, manifest.guard))
-            dropped = unkept_rows(store)
+            dropped = unkept_rows(journal)
         lost = manifest.lost or _lost(read_damage(folder), dropped)
         sealed = replace(
             manifest,
             state=RunState.SEALED,
             stations=stations,
             lost=lost,
-            ended=manifest.ended or last_time(folder),
+            stop=manifest.stop or last_time(folder),
         )
         sealed.ledger = ledger_of(folder, stations)
-        _keep_damaged(folder)
         guard_actions.tidy(folder)
-        sealed.files = list(files_of(folder))
+        sealed.files = [*(part.file for part in _parts(journal.chain)), *other_files(folder)]
         if sealed.clock_steps is not None:
-            sealed.clock_steps = clock_steps.steps_of(folder)[: MOST["clock steps"]]
+            sealed.clock_steps = clock_steps.listed_steps(folder)
         sealed.units = fitting_units(sealed, units_of(folder))
         expect_readable(sealed)
     except (OSError, pa.ArrowException) as error:
@@ -366,18 +362,27 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     return sealed
 
 
-def _refuse_unsealed(store: StoreReader) -> None:
-    waiting = sum(len(store.numbers_of(table, through(store.folder, table))) for table in TABLES)
-    if waiting:
-        raise RecordError(f"{store.folder}: {waiting} batches of the live store are not sealed yet")
+def _refuse_unsealed(journal: Journal) -> None:
+    rows = sum(len(rows) for table in TABLES for rows in journal.rows(table))
+    if rows:
+        raise RecordError(
+            f"{journal.folder}: {count_text(rows, 'row')} of the journal not sealed yet"
+        )
 
 
-def stations_of(folder: Path, store: StoreReader, manifest: Manifest) -> list[StationFacts]:
+def _complete(chain: PartChain) -> None:
+    """Write an empty part for every table without one, so that all tables are readable."""
+    for table in TABLES:
+        if not part_paths(chain.folder, table):
+            chain.add(0, write_part(chain.folder, table, collected(table, ()), 0))
+
+
+def stations_of(folder: Path, journal: Journal, manifest: Manifest) -> list[StationFacts]:
     """Return the stations' facts with the guard's results, unless something in the record is
     later.
     """
     return guard_actions.with_guard(
-        folder, known_stations(store, manifest.stations), _overtaken(folder)
+        folder, known_stations(journal, manifest.stations), _overtaken(folder)
     )
 
 
@@ -410,18 +415,25 @@ def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
     }
 
 
-def unkept_rows(store: StoreReader) -> int:
-    """Return how many rows the disk never took: the larger number of the store's and the lock's."""
-    return max(store.dropped_rows, commit_status(store.folder).unkept)
-
-
-def known_stations(store: StoreReader, known: list[StationFacts]) -> list[StationFacts]:
-    """Return the facts in the live store, in the manifest's order of stations; the manifest's for
-    an ended session.
+def unkept_rows(journal: Journal) -> int:
+    """Return how many rows the disk never took: the larger number of the journal's and the
+    lock's.
     """
-    ended = {one.name for one in known if one.outcome != StationOutcome.RUNNING}
-    texts = {name: text for name, text in store.facts().items() if name not in ended}
-    return merged_facts(known, facts_in(store.folder, texts))
+    dropped = journal.notes.get("dropped", 0)
+    return max(dropped if isinstance(dropped, int) else 0, locks.unkept_rows(journal.folder))
+
+
+def known_stations(journal: Journal, known: list[StationFacts]) -> list[StationFacts]:
+    """Return the facts in the journal, in the manifest's order of stations; the manifest's for an
+    ended session.
+    """
+    ended = {facts.name for facts in known if facts.outcome != StationOutcome.RUNNING}
+    texts = {
+        name: json.dumps(facts)
+        for name, facts in sorted(journal.facts.items())
+        if name not in ended
+    }
+    return merged_facts(known, facts_in(journal.folder, texts))
 
 
 def _lost(found: list[Damage], dropped: int) -> Lost | None:
@@ -429,19 +441,6 @@ def _lost(found: list[Damage], dropped: int) -> Lost | None:
     if dropped:
         parts.append(f"{count_text(dropped, 'row')} {NOT_KEPT}")
     return Lost(None, "; ".join(parts)) if parts else None
-
-
-def _keep_damaged(folder: Path) -> None:
-    """Set a damaged store aside instead of removing it; one that only lost its end has nothing
-    more.
-    """
-    if any(one.seconds is None for one in read_damage(folder)):
-        for path in segments(folder):
-            beside = companions(path)
-            set_aside(folder, path)
-            for each in beside:
-                with contextlib.suppress(FileNotFoundError):  # a reader removes its own log
-                    set_aside(folder, each)
 
 
 def last_time(folder: Path) -> str | None:
@@ -453,37 +452,35 @@ def last_time(folder: Path) -> str | None:
 def last_micros(folder: Path) -> int | None:
     """Return the time of the last sealed row, UTC in µs; None without a row."""
     latest = [
-        pc.max(group["time"]).cast(pa.int64()).as_py()
+        bounds[1]
         for table in TABLES
-        for group in row_groups(folder, table, ["time"])
-        if len(group)
+        for path in part_paths(folder, table)
+        for bounds in _time_bounds(path)
+        if bounds is not None
     ]
     return max(latest, default=None)
 
 
-def files_of(folder: Path) -> Iterator[SealedFile]:
-    """Yield every file of the record with its rows, size and hash."""
-    for table in TABLES:
-        for path in part_paths(folder, table):
-            yield _sealed_part(folder, path)
-    for name in TAKEN_IN:
-        there = folder / name
-        for path in (
-            sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []
-        ):
-            yield sealed_file(
-                folder, path, capture.count_rows(path) if name == capture.FOLDER else None
-            )
-
-
-def _sealed_part(folder: Path, path: Path) -> SealedFile:
+def _time_bounds(path: Path) -> list[tuple[int, int] | None]:
     with open_part(path) as part:
-        rows, footer = part.num_rows, part.footer
-    return replace(
-        sealed_file(folder, path, rows),
-        footer_bytes=len(footer),
-        footer_sha256=hashlib.sha256(footer).hexdigest(),
-    )
+        return part.bounds("time")
+
+
+def _parts(chain: PartChain) -> list[ChainedPart]:
+    """Return the parts that are there, table by table."""
+    there = [part for part in chain.parts if (chain.folder / part.file.path).exists()]
+    return sorted(there, key=lambda part: ([*SCHEMAS].index(part.table), part.file.path))
+
+
+def other_files(folder: Path) -> Iterator[SealedFile]:
+    """Yield every file of the record but the parts, with its rows, size and hash."""
+    for name in TAKEN_IN:
+        place = folder / name
+        paths = [place] if place.exists() else []
+        if place.is_dir():
+            paths = sorted(place.iterdir())
+        for path in paths:
+            yield sealed_file(folder, path, None)
 
 
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
@@ -505,18 +502,19 @@ def is_of_report(name: str) -> bool:
 
 def live_files(folder: Path) -> list[Path]:
     """Return the files that a recorder needs and a sealed run does not have."""
-    return sorted(folder.glob("live[.-]*"))
+    names = ("live[.-]*", PARTS, f"{CAPTURE}-*.journal")
+    return sorted(path for name in names for path in folder.glob(name))
 
 
 def remove_live(folder: Path, lock: FolderLock) -> None:
-    """Remove the live store and the lock of a sealed run. Raises `RecordError`."""
+    """Remove the journal and the lock of a sealed run. Raises `RecordError`."""
     try:
         for path in live_files(folder):
             if path.name != lock.name:
-                path.unlink(missing_ok=True)  # a reader removes its own log
+                path.unlink(missing_ok=True)
         lock.remove()
         sync_folder(folder)
     except OSError as error:
         raise RecordError(
-            f"{folder}: the live store of a sealed run cannot be removed: {error}"
+            f"{folder}: the journal of a sealed run cannot be removed: {error}"
         ) from error

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, cast
 
-from jbclog.core.durable_files import lines_in, sha256
+from jbclog.core.chain import sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, is_plain_folder, open_regular, read_regular
 from jbclog.core.json_files import read_json
@@ -23,7 +23,7 @@ from jbclog.record import conclude, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, Annotations, read
 from jbclog.record.chains import broken_links, is_head, short_head
-from jbclog.record.conclude import CACHES, MADE, is_of_report
+from jbclog.record.conclude import DERIVED_FILES, MADE, OF_EARLIER, UNFINISHED, is_of_report
 from jbclog.record.manifest import NAME, Manifest, has_digest, manifest_sha256
 
 AGAIN: Final = "make the report again"
@@ -35,12 +35,17 @@ NOT_VOUCHED_FOR: Final = {
         " safe"
     ),
     guard_actions.LOCK: "an empty lock, as a killed guard leaves one; nothing says whose it is",
-    **dict.fromkeys(
-        CACHES,
-        "a cache, never the truth: only `jbclog trend` reads it, and `--no-cache` computes the same"
-        " from the record",
-    ),
+    **dict.fromkeys(UNFINISHED, "its writer was killed; nothing reads it"),
 }
+DERIVED: Final = {
+    **dict.fromkeys(
+        DERIVED_FILES,
+        "derived from the record, never the truth: `jbclog report` makes it anew, with its hash in"
+        f" {REPORT}",
+    ),
+    **dict.fromkeys(OF_EARLIER, "of an earlier version; nothing reads it"),
+}
+"""Derived tables, and why a report that does not name one does not cover it."""
 
 
 def cross_check(
@@ -75,6 +80,10 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
         if os.path.lexists(folder / name):
             yield name, why
     report, said = _report(folder), _annotations(folder)[0]
+    written = {} if report is None else report.get("written", {})
+    for name, why in DERIVED.items():
+        if name not in written and os.path.lexists(folder / name):
+            yield name, why
     if report is None:
         return
     anew = f"`jbclog report {folder}` makes the report anew"
@@ -83,7 +92,7 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
             REPORT,
             f"not vouched for: no line of {ANNOTATIONS} has its hash; {anew} and adds the line",
         )
-    if not report.get("written"):
+    if not written:
         for name in _of_report(folder):
             yield name, f"not vouched for: {REPORT} has no hash of it; {anew}, with its hashes"
 
@@ -131,7 +140,7 @@ def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]
     if not cited:
         return
     try:
-        lines = {sha256(line) for line in lines_in(read_regular(path, Kind.VERIFICATIONS))}
+        lines = {sha256(line) for line in read_regular(path, Kind.VERIFICATIONS).split(b"\n")}
     except FileNotFoundError:
         return  # the run was moved
     except OSError as error:
@@ -177,8 +186,11 @@ def _report_disagreements(folder: Path, said: Annotations) -> Iterator[tuple[str
             ANNOTATIONS,
             f"lacks the line that was last when {REPORT} was made: lines were changed or removed",
         )
-    if report.get("written"):  # those of 0.1.0 have none
-        yield from _report_files(folder, report["written"], {*made})
+    written = report.get("written")
+    if written:  # those of 0.1.0 have none
+        derived = [name for name in DERIVED if name in written]
+        there = {name for name in derived if os.path.lexists(folder / name)}
+        yield from _report_files(folder, written, {*made} | there)
 
 
 def _report(folder: Path) -> dict[str, Any] | None:

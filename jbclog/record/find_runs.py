@@ -23,7 +23,7 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, read_regular
-from jbclog.core.json_files import decoder, expect_period, expect_time
+from jbclog.core.json_files import builder, decoder, expect_period, expect_time, json_of
 from jbclog.core.locks import is_held
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
@@ -42,6 +42,7 @@ from jbclog.record.manifest import (
     Unit,
     why_changed,
 )
+from jbclog.record.old_names import OLD_SCHEMA, with_new_keys
 
 MOST_WHY: Final = 500  # characters of the reason why a manifest cannot be read
 THREADS: Final = 8
@@ -55,12 +56,15 @@ ENDINGS: Final = {
     "lost": "recovered",
 }
 """How a run ended, by the manifest's `exit_status`; independent of its verdict."""
+STATES: Final = (RUNNING, CRASHED, *ENDINGS.values())
+"""What `Found.shown_state` says of a run."""
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # the beginning of a folder's name
 STARTED_LENGTH: Final = 16
 OVER: Final = b'\n "state": "sealed"'
 STEPPED: Final = b'"step_s": '  # of a step of the host's clock
-# at the top level: deeper keys are indented more
-ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')
+# at the top level: deeper keys are indented more; 0.1.0 called it `ended`
+STOP: Final = re.compile(rb'\n "(?:stop|ended)": "([0-9TZ:.+-]+)"')
+OF_OLD_SCHEMA: Final = b'\n "schema": %d,' % OLD_SCHEMA
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +84,8 @@ class _Summary:
     exit_status: str | None = None
     exit_code: int | None = None
     verdict: str | None = None
-    started: str | None = None
-    ended: str | None = None
+    start: str | None = None
+    stop: str | None = None
     line: LineFile | None = None
     recipes: list[RecipeFile] = field(default_factory=list)
     metadata: Metadata = field(default_factory=Metadata)
@@ -92,6 +96,7 @@ class _Summary:
 
 
 _read_summary: Final = decoder(_Summary)
+_build_summary: Final = builder(_Summary)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +107,14 @@ class Found:
     `units` are all serials: named at the start, read during the run, added later. `recipes` are
     ``NAME@REVISION``. `changed` says what is wrong with the manifest: a person or a disk changed
     it. `periods_s` are seconds between the ticks of each sampled station; None without pause.
-    `started` and `ended` are by the run's clock, whose host's was stepped by `clock_steps`.
+    `start` and `stop` are by the run's clock, whose host's was stepped by `clock_steps`.
     """
 
     folder: Path
     run: str
     state: str
-    started: str | None
-    ended: str | None
+    start: str | None
+    stop: str | None
     line: str | None
     stations: tuple[str, ...]
     recipes: tuple[str, ...]
@@ -131,19 +136,19 @@ class Found:
     clock_steps: tuple[ClockStep, ...] = ()
 
     @property
-    def host_started(self) -> str | None:
+    def host_start(self) -> str | None:
         """Start by the host's clock, corrected if that was wrong then."""
-        return HostClock(self.clock_steps, self.started).corrected_text(self.started)
+        return HostClock(self.clock_steps, self.start).corrected_text(self.start)
 
     @property
-    def host_ended(self) -> str | None:
+    def host_stop(self) -> str | None:
         """End by the host's clock."""
-        return HostClock(self.clock_steps, self.started).corrected_text(self.ended)
+        return HostClock(self.clock_steps, self.start).corrected_text(self.stop)
 
     @property
     def clock_wrong(self) -> str | None:
         """What is wrong with its times, if its host had a wrong clock at the start."""
-        return start_doubt(self.started, self.clock_steps)
+        return start_doubt(self.start, self.clock_steps)
 
     @property
     def shown_state(self) -> str:
@@ -223,7 +228,7 @@ class Filter:
         ]
         if any(text is not None and not _fits(text, those) for text, those in sought):
             return False
-        return self._is_within(run.host_started) and not self._has_ended(run.host_ended)
+        return self._is_within(run.host_start) and not self._has_ended(run.host_stop)
 
     def may_have(self, folder: Path) -> bool:
         """Return True if the start in the folder's name lies within the limits, or was given by a
@@ -255,22 +260,22 @@ class Filter:
         """Return True if a manifest's bytes show an end before `ended_since`."""
         if self.ended_since is None or OVER not in data or STEPPED in data:
             return False
-        found = ENDED.search(data)
+        found = STOP.search(data)
         return found is not None and self._has_ended(found[1].decode())
 
-    def _has_ended(self, ended: str | None) -> bool:
-        """Return True if `ended` is before `ended_since`. Raises ValueError for text that is no
+    def _has_ended(self, stop: str | None) -> bool:
+        """Return True if `stop` is before `ended_since`. Raises ValueError for text that is no
         time, or has no zone.
         """
-        if self.ended_since is None or ended is None:
+        if self.ended_since is None or stop is None:
             return False
-        expect_time(ended)
-        return datetime.fromisoformat(ended) < self.ended_since
+        expect_time(stop)
+        return datetime.fromisoformat(stop) < self.ended_since
 
-    def _is_within(self, started: str | None) -> bool:
+    def _is_within(self, start: str | None) -> bool:
         if self.since is None and self.until is None:
             return True
-        began = None if started is None else datetime.fromisoformat(started)
+        began = None if start is None else datetime.fromisoformat(start)
         return (
             began is not None
             and (self.since is None or began >= self.since)
@@ -379,11 +384,12 @@ def summary_in(
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=has_annotations):
             return None
-        summary = _read_summary(data)
+        is_old = OF_OLD_SCHEMA in data
+        summary = _build_summary(with_new_keys(json_of(data))) if is_old else _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         steps = [step.time for step in summary.clock_steps or ()]
-        for time in (summary.started, summary.ended, *steps):
+        for time in (summary.start, summary.stop, *steps):
             expect_time(time)
         for station in summary.stations:
             expect_period(station.period_s)
@@ -400,15 +406,15 @@ def _found(
     metadata = summary.metadata
     serials = [
         *metadata.units,
-        *(unit.serial for unit in summary.units),
+        *(unit.unit for unit in summary.units),
         *late,
     ]
     return Found(
         folder=folder,
         run=summary.run,
         state=state,
-        started=summary.started,
-        ended=summary.ended,
+        start=summary.start,
+        stop=summary.stop,
         line=None if summary.line is None else summary.line.name,
         stations=tuple(station.name for station in summary.stations),
         recipes=tuple(f"{recipe.name}@{recipe.revision}" for recipe in summary.recipes),

@@ -19,8 +19,14 @@ from jbclog.core.rows import StationFacts
 from jbclog.core.toml import parse, read_text
 
 FOLDER: Final = "recipes"
-# added after sealing; never part of the record
-METRICS_CACHE: Final = "metrics.parquet"
+DERIVED: Final = "derived"
+DERIVED_TABLES: Final = ("joints", "alarms", "units", "tips", "metrics", "accounting", "gaps")
+"""Tables in `derived/`, each a file: added after sealing, never part of the record."""
+
+
+def derived_file(table: str) -> str:
+    """Return the name of a derived table's file within the run's folder."""
+    return f"{DERIVED}/{table}.parquet"
 
 
 def recipe_copy(folder: Path, file: str) -> Path:

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.files import Kind, cut_blank_end, read_regular
+from jbclog.core.files import Kind, read_regular
 from jbclog.core.json_files import builder, json_of
+from jbclog.core.line_file import LineFile
 from jbclog.core.locks import try_lock
-from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.core.rows import SCHEMA_VERSION, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def was_lost(folder: Path) -> bool:
 def tidy(folder: Path) -> None:
     """Release unused space of the action log; remove an empty one. Raises OSError."""
     with suppress(FileNotFoundError):
-        cut_blank_end(folder / ACTION_LOG, Kind.ACTION_LOG)
+        LineFile(folder / ACTION_LOG, Kind.ACTION_LOG).release()
 
 
 def action_log(folder: Path) -> list[EventRow]:
@@ -144,11 +145,16 @@ def _event(line: str) -> EventRow | None:
 
 
 def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
-    """Append the guard's events that the sealed ones lack. Seal those of the live store before."""
+    """Append the guard's events that the sealed ones of a run lack, in a part of their own. Seal
+    those of the journal before.
+    """
     if not events:
         return
     from jbclog.record.chains import Chain
-    from jbclog.record.parts import row_groups, through, write_part
+    from jbclog.record.part_chain import PartChain
+    from jbclog.record.part_writer import write_part
+    from jbclog.record.parts import row_groups
+    from jbclog.record.row_batches import BARE, decode, encode
 
     wanted, known, last = (
         {(event.time, event.text) for event in events},
@@ -160,19 +166,14 @@ def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
             known |= {(last["time"], last["text"])} & wanted
     missing = [event for event in events if (event.time, event.text) not in known]
     if missing:
-        chain = Chain.after(last) if last is not None else Chain(run)
+        chain = Chain.after(last, SCHEMA_VERSION) if last is not None else Chain(run)
         values: list[object] = []
         for event in missing:
             chain.link(event, values)
-        rows = _table(values)
-        write_part(folder, "events", lambda: [rows], through(folder, "events"))
-
-
-def _table(values: list[object]) -> pa.Table:
-    from jbclog.record.batches import decode, encode
-
-    batch = encode(0, "events", values)
-    return decode(batch, batch.crc)
+        rows = decode(encode("events", values, 0), BARE["events"], run)
+        parts = PartChain(folder)
+        number = 1 + max((part.segment for part in parts.parts), default=0)
+        parts.add(number, write_part(folder, "events", rows, number))
 
 
 def event_dicts(events: pa.Table) -> Iterator[Any]:

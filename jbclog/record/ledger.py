@@ -16,27 +16,37 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.errors import RecordError
 from jbclog.core.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, StationFacts
 from jbclog.core.text import count_text
 from jbclog.record.manifest import Ledger, SignalLedger
 from jbclog.record.parts import row_groups
 
 SIGNALS: Final = tuple(column for column in SIGNAL_COLUMNS if SIGNAL_OF_COLUMN[column] == column)
+SAMPLE_COLUMNS: Final = ["station", "port", "reasons", *SIGNALS]
+COUNTER_COLUMNS: Final = ["station", "port", "counter", "value", "raw"]
 NO_PORT: Final = "station"
-MOST_COUNTS: Final = 65_536  # of counters in a row group, with each way in which reading failed
 
 _ROWS = ""  # counts the rows of a port, beside its signals
 
 
 def ledger_of(folder: Path, stations: Iterable[StationFacts] = ()) -> Ledger:
     """Compute the accounting of sealed tables. Raises pyarrow's errors if a part cannot be read,
-    and `RecordError` as `row_groups` does or for too many different counters.
+    and `RecordError` as `row_groups` does.
     """
-    ledger: Ledger = {}
-    for group in row_groups(folder, "samples", ["station", "port", "reasons", *SIGNALS]):
+    samples = row_groups(folder, "samples", SAMPLE_COLUMNS)
+    counters = row_groups(folder, "counters", COUNTER_COLUMNS)
+    return ledger_in(samples, counters, stations)
+
+
+def ledger_in(
+    samples: Iterable[pa.Table], counters: Iterable[pa.Table], stations: Iterable[StationFacts]
+) -> Ledger:
+    """Compute the accounting of these rows, which have `SAMPLE_COLUMNS` and `COUNTER_COLUMNS`."""
+    stations = list(stations)
+    ledger: Ledger = {facts.name: {} for facts in stations}  # in their order
+    for group in samples:
         _count_samples(ledger, group)
-    for group in row_groups(folder, "counters", ["station", "port", "counter", "value", "raw"]):
+    for group in counters:
         _count_counters(ledger, group)
     for facts in stations:
         _add_facts(ledger, facts)
@@ -78,8 +88,6 @@ def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
         .group_by(["station", "port", "counter", "failed"])
         .aggregate([([], "count_all")])
     )
-    if counted.num_rows > MOST_COUNTS:
-        raise RecordError(f"counters: {counted.num_rows} different ones in a row group")
     for row in counted.to_pylist():
         reason = "ok" if row["failed"] is None else str(row["failed"]).strip("<>")
         _add(_port(ledger, row["station"], row["port"]), row["counter"], reason, row["count_all"])
@@ -129,6 +137,7 @@ def _tidy(ledger: Ledger) -> Ledger:
             for port, signals in sorted(ports.items())
         }
         for station, ports in ledger.items()
+        if ports
     }
 
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from itertools import accumulate, islice
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.disk_space import write_failure
@@ -28,10 +28,16 @@ from jbclog.core.json_files import (
 )
 from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, StationFacts, TipCheck
 from jbclog.core.states import StationOutcome
-from jbclog.record.manifest_counts import MOST, expect_counts
+from jbclog.record.old_names import (
+    OLD_COLUMNS,
+    OLD_SCHEMA,
+    facts_with_new_keys,
+    with_new_keys,
+)
 
 NAME: Final = "manifest.json"
 MOST_SAID: Final = 500
+LONGEST_NAME: Final = 200  # of a station; names of figures and tables contain it
 ROUND_A_UNIT: Final = 8  # bytes at most around a unit: its comma, line end and indentation
 END: Final = b"\n}\n"
 SINCE_DIGEST: Final = "units"  # a key that came with the digest: manifests of 0.1.0 have neither
@@ -52,6 +58,7 @@ class NoManifest(RecordError):
     """The file exists and is no manifest of a recorder."""
 
 
+V = TypeVar("V")
 SignalLedger = dict[str, int]
 """``due``, ``ok`` and each reason: due = ok + all reasons."""
 
@@ -127,11 +134,13 @@ def _joined(texts: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit worked on during the run; times as in the manifest, `end` None if unknown."""
+    """A unit (its serial) worked on during the run; times as in the manifest, `stop` None if
+    unknown.
+    """
 
-    serial: str
-    begin: str
-    end: str | None = None
+    unit: str
+    start: str
+    stop: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,8 +221,8 @@ class Manifest:
     verdict: str | None = None
     rules: int = 1
     verdict_rules: list[dict[str, object]] = field(default_factory=list)
-    started: str | None = None
-    ended: str | None = None
+    start: str | None = None
+    stop: str | None = None
     t0_mono: float | None = None
     t0_utc: float | None = None
     line: LineFile | None = None
@@ -244,31 +253,7 @@ class Manifest:
 
     def serials(self) -> list[str]:
         """Return all known units, each once: those named at the start, then those read."""
-        return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))
-
-    def counts(self) -> dict[str, int]:
-        """Return the number of entries of each list, by the names in `manifest_counts`."""
-        stated = self.metadata
-        return {
-            "stations": len(self.stations),
-            "recipes": len(self.recipes),
-            "units": len(self.units),
-            "files": len(self.files),
-            "verdict rules": len(self.verdict_rules),
-            "verifications": len(self.verifications),
-            "goals": len(self.goals),
-            "clock steps": len(self.clock_steps or ()),
-            "host entries": len(self.host),
-            "tags": len(stated.tags),
-            "wire lots": len(stated.wire_lots),
-            "flux lots": len(stated.flux_lots),
-            "tips": len(stated.tips),
-            "stated units": len(stated.units),
-            "stations in the accounting": len(self.ledger),
-            "signals in the accounting": sum(
-                len(signals) for ports in self.ledger.values() for signals in ports.values()
-            ),
-        }
+        return list(dict.fromkeys([*self.metadata.units, *(unit.unit for unit in self.units)]))
 
     def station(self, name: str) -> StationFacts | None:
         return next((facts for facts in self.stations if facts.name == name), None)
@@ -281,9 +266,9 @@ class _Rule:
     name: str = ""
     station: str | None = None
     port: int | None = None
-    limit: float | str | None = None
+    limit_value: float | str | None = None
     observed: float | str | None = None
-    unit: str = ""
+    uom: str = ""
     result: str = ""
     text: str = ""
 
@@ -309,12 +294,15 @@ def read_manifest(folder: Path) -> Manifest:
                 f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}; use a"
                 " newer jbclog"
             )
+        if version == OLD_SCHEMA:
+            data = with_new_keys(data)
         manifest = _build_manifest(data)
+        if version == OLD_SCHEMA:
+            manifest = _signals_now(manifest)
         _build_rules(manifest.verdict_rules)
-        expect_counts(manifest.counts(), manifest.stations)
-        _expect_signals(manifest.stations)
+        _expect_stations(manifest.stations)
         steps = [step.time for step in manifest.clock_steps or ()]
-        for time in (manifest.started, manifest.ended, *steps):
+        for time in (manifest.start, manifest.stop, *steps):
             expect_time(time)
         expect_moment(manifest.t0_utc)
         for station in manifest.stations:
@@ -328,12 +316,38 @@ def read_manifest(folder: Path) -> Manifest:
         raise NoManifest(f"{path} is no manifest: {error}") from error
 
 
+def _signals_now(manifest: Manifest) -> Manifest:
+    """Return a manifest of schema 1 with the names that signals have now."""
+    stations = [_facts_now(facts) for facts in manifest.stations]
+    ledger = {name: _by_port_now(ports) for name, ports in manifest.ledger.items()}
+    return replace(manifest, stations=stations, ledger=ledger)
+
+
+def _facts_now(facts: StationFacts) -> StationFacts:
+    now = OLD_COLUMNS["samples"]
+    return replace(
+        facts,
+        signals=[now.get(name, name) for name in facts.signals],
+        not_supported=[now.get(name, name) for name in facts.not_supported],
+        due=_by_port_now(facts.due),
+        watched=_by_port_now(facts.watched),
+    )
+
+
+def _by_port_now(ports: Mapping[str, Mapping[str, V]]) -> dict[str, dict[str, V]]:
+    now = OLD_COLUMNS["samples"]
+    return {
+        port: {now.get(name, name): value for name, value in signals.items()}
+        for port, signals in ports.items()
+    }
+
+
 def facts_in(folder: Path, texts: Mapping[str, str]) -> dict[str, StationFacts]:
-    """Return stations' facts by name, from their texts in a live store. Raises `RecordError`."""
+    """Return stations' facts by name, from their texts in a journal. Raises `RecordError`."""
     found = {}
     for name, text in texts.items():
         try:
-            found[name] = _build_facts(json_of(text))
+            found[name] = _facts_now(_build_facts(facts_with_new_keys(json_of(text))))
         except ValueError as error:
             raise RecordError(
                 f"{folder}: the facts of station {name} cannot be read: {error}"
@@ -344,7 +358,7 @@ def facts_in(folder: Path, texts: Mapping[str, str]) -> dict[str, StationFacts]:
 def merged_facts(
     known: Iterable[StationFacts], stored: Mapping[str, StationFacts]
 ) -> list[StationFacts]:
-    """Return the facts of a manifest, in its order, updated from the live store.
+    """Return the facts of a manifest, in its order, updated from the journal.
 
     The manifest's take precedence for a session that has ended: the store may not have them.
     """
@@ -355,14 +369,18 @@ def merged_facts(
     return list(facts.values())
 
 
-def _expect_signals(stations: Iterable[StationFacts]) -> None:
-    """Raise ValueError for a signal that is no column of the samples: coverage and verdict read the
-    columns of these names.
+def _expect_stations(stations: Iterable[StationFacts]) -> None:
+    """Raise ValueError for a station's name that is too long, or a signal that is no column of the
+    samples: coverage and verdict read the columns of these names.
     """
-    for one in stations:
-        unknown = next((name for name in one.signals if name not in SIGNAL_COLUMNS), None)
-        if unknown is not None:
-            raise ValueError(f"station {one.name}: {unknown!r:.60} is no signal")
+    for station in stations:
+        if len(station.name) > LONGEST_NAME:
+            raise ValueError(
+                f"a station's name of {len(station.name)} characters, at most {LONGEST_NAME}"
+            )
+        for signal in station.signals:
+            if signal not in SIGNAL_COLUMNS:
+                raise ValueError(f"station {station.name}: {signal!r:.60} is no signal")
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
@@ -389,17 +407,13 @@ def manifest_text(manifest: Manifest) -> str:
 
 
 def expect_readable(manifest: Manifest) -> None:
-    """Raise RecordError for a manifest that no reader would accept: a list or the whole is too
-    long, or a signal is invalid.
+    """Raise RecordError for a manifest that no reader would accept: too long, or with an invalid
+    station.
     """
     try:
-        _expect_signals(manifest.stations)
+        _expect_stations(manifest.stations)
     except ValueError as error:
         raise RecordError(f"no reader takes this manifest: {error}") from error
-    try:
-        expect_counts(manifest.counts(), manifest.stations)
-    except ValueError as error:
-        raise RecordError(f"too much for one record: {error}") from error
     size = len(manifest_text(manifest).encode())
     if size > LIMITS[Kind.MANIFEST]:
         raise RecordError(
@@ -420,7 +434,7 @@ def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
         initial=size,
     )
     room = sum(end <= LIMITS[Kind.MANIFEST] for end in islice(ends, 1, None))
-    return units[: min(room, MOST["units"])]
+    return units[:room]
 
 
 def manifest_sha256(folder: Path) -> str:

@@ -7,6 +7,7 @@
 3. Manifests of 0.1.0 have no footers. The SHA-256 of the whole part is compared instead, once for
    each time and size of the file.
 4. A part of a run that is not sealed is in no manifest. It is read by the footer that it has.
+5. Columns of schema 1 are read by their names of today, in the reasons of samples, too.
 
 Whatever the library raises becomes `RecordError`: one sentence with the file.
 """
@@ -15,11 +16,11 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -28,41 +29,101 @@ from jbclog.core.errors import RecordError
 from jbclog.core.files import Kind, NotReadable, open_regular
 from jbclog.core.operating_system import opened_again
 from jbclog.record.manifest import SealedFile
+from jbclog.record.old_names import OLD_COLUMNS
+from jbclog.record.schema import named_now, renamed
 
+MOST_FOOTERS: Final = 16  # kept as read; one of 64 ports takes some 2 MB
 MAGIC: Final = b"PAR1"
 END: Final = struct.Struct("<I4s")
 """The end of a Parquet file: the length of the metadata before it, and `MAGIC`."""
 THREADED_ROWS: Final = 4096  # threads are slower for fewer
 CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
+Bounds = tuple[Any, Any]
+"""Least and greatest value of a column."""
 UNREADABLE: Final = (pa.ArrowException, OSError, ValueError, KeyError)
 """What pyarrow raises for a damaged file."""
 
 
+class Footer:
+    """What a footer says: the columns, and the row groups with their statistics."""
+
+    def __init__(self, data: bytes) -> None:
+        self.metadata: pq.FileMetaData = pq.read_metadata(pa.BufferReader(data))
+        self.names: list[str] = self.metadata.schema.names
+        self._bounds: dict[str, list[Bounds | None]] = {}
+
+    def bounds(self, column: str) -> list[Bounds | None]:
+        """Return minimum and maximum of a column in each row group, None where they are not known:
+        texts and integers, times in the unit in which they are stored.
+        """
+        if column not in self._bounds:
+            self._bounds[column] = [
+                self._bounds_in(group, column) for group in range(self.metadata.num_row_groups)
+            ]
+        return self._bounds[column]
+
+    def _bounds_in(self, group: int, column: str) -> Bounds | None:
+        if column not in self.names:
+            return None
+        statistics = self.metadata.row_group(group).column(self.names.index(column)).statistics
+        if statistics is None or not statistics.has_min_max:
+            return None
+        least, most = statistics.min_raw, statistics.max_raw
+        if isinstance(least, bytes):
+            least, most = statistics.min, statistics.max
+        return least, most
+
+
+@lru_cache(MOST_FOOTERS)
+def _read_footer_of(data: bytes) -> Footer:
+    """Return a footer as read. The last ones are kept: reading one takes longer than reading the
+    rows of a port, and whoever reads port by port needs the same ones again.
+    """
+    return Footer(data)
+
+
 class PartFile:
-    """An open part: its footer, and its row groups. Methods raise `RecordError`."""
+    """An open part: its footer, and its row groups. `run` is the name of its run. Methods raise
+    `RecordError`.
+    """
 
     def __init__(
-        self, source: str | pa.NativeFile, footer: bytes, name: str, coded: Sequence[str] = ()
+        self,
+        source: str | pa.NativeFile,
+        footer: bytes,
+        name: str,
+        *,
+        table: str = "",
+        run: str = "",
     ) -> None:
         """`source` is a path or an open file, `footer` is as `read_footer` returns it, `name` is
-        for messages. Texts in the columns `coded` are read as dictionaries, in a fifth of the time.
+        for messages.
         """
         self.footer = footer
+        self.run = run
         self._name = name
+        self._table = table
         try:
-            self.metadata: pq.FileMetaData = pq.read_metadata(pa.BufferReader(footer))
-            names = self.metadata.schema.names
+            self._footer = _read_footer_of(footer)
+            self.metadata = self._footer.metadata
+            self._stored_names = {
+                now: name
+                for name, now in OLD_COLUMNS.get(table, {}).items()
+                if name in self._footer.names
+            }
             self._file = pq.ParquetFile(
                 source,
                 metadata=self.metadata,
-                read_dictionary=[name for name in coded if name in names] or None,
                 page_checksum_verification=True,
                 pre_buffer=isinstance(source, pa.NativeFile),  # few requests
             )
             # as stored; the file's own `schema_arrow` has the types after reading
-            self.schema: pa.Schema = self.metadata.schema.to_arrow_schema()
+            self.schema: pa.Schema = renamed(self.metadata.schema.to_arrow_schema(), table)
         except UNREADABLE as error:
             raise RecordError(f"{name} is no readable part: {error}") from error
+
+    def _as_stored(self, columns: Iterable[str]) -> list[str]:
+        return [self._stored_names.get(name, name) for name in columns]
 
     @property
     def num_row_groups(self) -> int:
@@ -74,10 +135,11 @@ class PartFile:
 
     def group(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read one row group."""
-        names = None if columns is None else list(columns)
+        names = None if columns is None else self._as_stored(columns)
         is_large = self.num_rows > THREADED_ROWS * self.num_row_groups
         try:
-            return self._file.read_row_group(index, names, use_threads=is_large)
+            rows = self._file.read_row_group(index, names, use_threads=is_large)
+            return named_now(rows, self._table) if self._stored_names else rows
         except UNREADABLE as error:
             raise RecordError(f"{self._name}, row group {index}: {error}") from error
 
@@ -87,42 +149,44 @@ class PartFile:
 
     def batches(self, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         """Read all rows in batches of at most `rows`."""
-        names = None if columns is None else list(columns)
+        names = None if columns is None else self._as_stored(columns)
         for index in range(self.num_row_groups):  # one call for all groups would read ahead
             try:
-                yield from self._file.iter_batches(rows, [index], names, use_threads=False)
+                for batch in self._file.iter_batches(rows, [index], names, use_threads=False):
+                    if self._stored_names:
+                        of_now = named_now(pa.Table.from_batches([batch]), self._table)
+                        yield from of_now.to_batches()
+                    else:
+                        yield batch
             except UNREADABLE as error:
                 raise RecordError(f"{self._name}, row group {index}: {error}") from error
 
-    def bounds(self, column: str) -> list[tuple[int, int] | None]:
-        """Return minimum and maximum of a column of integers or times in each row group, as stored;
-        None where the footer does not have them.
+    def bounds(self, column: str) -> list[Bounds | None]:
+        """Return `Footer.bounds` of a column.
 
         Call it for a sealed part only: pyarrow 26 aborts the process where a footer contradicts
         itself.
         """
-        names = self.metadata.schema.names
-        if column not in names:
-            return [None] * self.num_row_groups
-        place = names.index(column)
-        return [self._bounds_in(group, place) for group in range(self.num_row_groups)]
+        return self._footer.bounds(column)
 
-    def _bounds_in(self, group: int, place: int) -> tuple[int, int] | None:
-        chunk = self.metadata.row_group(group).column(place)
-        statistics = chunk.statistics
-        if statistics is None or not statistics.has_min_max:
-            return None
-        least, most = statistics.min_raw, statistics.max_raw
-        return (least, most) if isinstance(least, int) and isinstance(most, int) else None
+    def may_have(self, index: int, station: str | None, port: int | None) -> bool:
+        """Return False if a row group has no row of a station and port (None: of any), by the
+        footer's statistics. Call it for a sealed part only, as `bounds`.
+        """
+        for column, value in (("station", station), ("port", port)):
+            if value is None:
+                continue
+            bounds = self.bounds(column)[index]
+            if bounds is not None and not bounds[0] <= value <= bounds[1]:
+                return False
+        return True
 
     def close(self) -> None:
         self._file.close()
 
 
 @contextmanager
-def open_part(
-    path: Path, seal: SealedFile | None = None, coded: Sequence[str] = ()
-) -> Iterator[PartFile]:
+def open_part(path: Path, seal: SealedFile | None = None) -> Iterator[PartFile]:
     """Open the part at `path`. `seal` is its entry in the manifest of a sealed run, with which it
     must agree. Raises `RecordError`.
     """
@@ -132,7 +196,8 @@ def open_part(
         raise RecordError(f"{path} is no readable part: {error}") from error
     with file:
         footer = _footer(path, file, seal)
-        part = PartFile(opened_again(file), footer, str(path), coded)
+        table, run = path.parent.name, path.parent.parent.name
+        part = PartFile(opened_again(file), footer, str(path), table=table, run=run)
         try:
             yield part
         finally:

@@ -1,7 +1,7 @@
 """Find the run in progress that holds a station's port.
 
 A run holds a port until that station's session ends, even while the link is down and the port
-closed. Its manifest lists the ports, its live store the ended sessions, and the lock of its folder
+closed. Its manifest lists the ports, its journal the ended sessions, and the lock of its folder
 the recorder. This needs /proc; without it only the lock of the port itself protects it. The code
 that reads a record is imported only if there is one.
 """
@@ -9,10 +9,7 @@ that reads a record is imported only if there is one.
 from __future__ import annotations
 
 import contextlib
-import json
-import sqlite3
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import closing
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
@@ -93,7 +90,7 @@ def _folders_of(process: int) -> Iterator[Path]:
 def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
     from jbclog.record.manifest import RunState, read_manifest
 
-    # before the manifest, which says "sealed" if the store is removed meanwhile
+    # before the manifest, which says "sealed" if the journal is removed meanwhile
     ended = _ended(folder)
     try:
         manifest = read_manifest(folder)
@@ -110,26 +107,15 @@ def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
 
 
 def _ended(folder: Path) -> set[str]:
-    """Return the stations whose session has ended, by their stored facts."""
-    from jbclog.record.store import FACTS, Segment, segments
+    """Return the stations whose session has ended, by what the journal says of them."""
+    from jbclog.record.journal_reader import Journal
 
-    facts: dict[str, str] = {}
-    # an untrusted store can hold anything
-    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):
-        for path in segments(folder):
-            with closing(Segment.look(path)) as segment:
-                facts |= segment.notes(FACTS)
-    return {name for name, text in facts.items() if _says_ended(text)}
-
-
-def _says_ended(text: str) -> bool:
-    """Return True if a station's facts say that its session has ended; False if the text is not
-    facts.
-    """
-    with contextlib.suppress(ValueError, TypeError, RecursionError):
-        facts = json.loads(text)
-        return (
-            isinstance(facts, dict)
+    # a run may have no readable journal; its stations count as running then
+    with contextlib.suppress(RecordError), Journal(folder) as journal:
+        return {
+            name
+            for name, facts in journal.facts.items()
+            if isinstance(facts, dict)
             and facts.get("outcome", StationOutcome.RUNNING) != StationOutcome.RUNNING
-        )
-    return False
+        }
+    return set()

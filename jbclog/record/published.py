@@ -29,7 +29,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from jbclog.core.durable_files import sha256
+from jbclog.core.chain import sha256
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.files import MIB
 from jbclog.core.operating_system import sync_file, sync_folder
@@ -37,7 +37,7 @@ from jbclog.core.text import clean, shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import annotations_in, late_in
 from jbclog.record.find_runs import ALL, Filter, Found, Unreadable, find, summary_in
-from jbclog.record.folder import METRICS_CACHE, RUN_NAME
+from jbclog.record.folder import DERIVED, DERIVED_TABLES, RUN_NAME, derived_file
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import read_manifest
 
@@ -50,7 +50,7 @@ else:
     from pathlib import PosixPath as SystemPath
 
 RUNS: Final = "runs"
-DERIVED: Final = ("joints.parquet", METRICS_CACHE, "report.json")
+MADE_LATER: Final = (*(derived_file(table) for table in DERIVED_TABLES), "report.json")
 """Files that are made after sealing, and may change."""
 S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` drops one of the two slashes
 URL: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # `C:/` is a drive of Windows
@@ -231,7 +231,7 @@ def _write(path: Path, pieces: Iterable[bytes]) -> None:
 
 def key_of(run: str, name: str) -> str:
     """Return the key of a file of a run: ``samples/part-0001.parquet`` of RUN is
-    ``samples/line=…/month=…/RUN.part-0001.parquet``, ``joints.parquet`` is
+    ``samples/line=…/month=…/RUN.part-0001.parquet``, ``derived/joints.parquet`` is
     ``joints/line=…/month=…/RUN.parquet``.
 
     Raises `RecordError` for a name that no run has.
@@ -240,8 +240,10 @@ def key_of(run: str, name: str) -> str:
     is_plain = len(parts) <= 2 and "\0" not in name and not {"", ".", ".."}.intersection(parts)
     if not is_plain or not RUN_NAME.fullmatch(run):
         raise RecordError(f"{run:.100}: {name!r:.100} is no file of a run")
+    if name.startswith(f"{DERIVED}/"):
+        parts = parts[1:]
     if len(parts) == 1:
-        parts = name.split(".", 1)
+        parts = parts[0].split(".", 1)
     if name == MANIFEST:
         parts[0] = RUNS
     line, month = run[17:-5], f"{run[:4]}-{run[4:6]}"
@@ -311,7 +313,7 @@ def fetch(tree: Tree, run: str, home: Path, wanted: Callable[[str], bool]) -> Pa
         listed = [file.path for file in read_manifest(folder).files]
     except RecordError as error:
         raise RecordError(str(error).replace(str(home), str(tree))) from error
-    for name in filter(wanted, (*listed, ANNOTATIONS, *DERIVED)):
+    for name in filter(wanted, (*listed, ANNOTATIONS, *MADE_LATER)):
         there = _fetch_file(tree, key_of(run, name), folder / name)
         if not there and name in listed:
             raise RecordError(
@@ -342,4 +344,6 @@ def whole_run(path: Path) -> Iterator[Path]:
     from tempfile import TemporaryDirectory
 
     with TemporaryDirectory(prefix="jbclog-") as home:
-        yield fetch(Tree.at(path.parent), path.name, Path(home), lambda name: name not in DERIVED)
+        yield fetch(
+            Tree.at(path.parent), path.name, Path(home), lambda name: name not in MADE_LATER
+        )

@@ -1,7 +1,7 @@
 """Finish runs that a crash left open.
 
-A crash can leave an empty folder, inputs without a manifest, a live store with some of its rows
-already sealed, or a sealed run whose store was not removed. `recover` brings all of them to the
+A crash can leave an empty folder, inputs without a manifest, a journal of which some segments are
+sealed already, or a sealed run whose journal was not removed. `recover` brings all of them to the
 same sealed form; the manifest states what is missing.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -19,11 +19,10 @@ from typing import Final
 
 from jbclog.core.disk_space import write_failure, write_failure_below
 from jbclog.core.errors import Problems, RecordError, Unsafe
-from jbclog.core.locks import FolderLock, commit_status
+from jbclog.core.locks import FolderLock
 from jbclog.core.rows import TABLES, StationFacts
 from jbclog.core.text import count_text
-from jbclog.record import capture, clock_steps, guard_actions, parts, sealed_files
-from jbclog.record.capture_file import NOT_OURS
+from jbclog.record import clock_steps, guard_actions, sealed_files, wire
 from jbclog.record.conclude import (
     NOT_KEPT,
     TOOK_OVER,
@@ -39,8 +38,9 @@ from jbclog.record.conclude import (
     unknown_tools,
     with_unknown,
 )
+from jbclog.record.damage import Damage, note_damage, read_damage, set_aside, summary_of
 from jbclog.record.folder import RUN_NAME, expect_no_links, recipe_copies
-from jbclog.record.live import AT_RISK_S
+from jbclog.record.journal_reader import OLD_STORE, Journal, refuse_newer, refuse_old_store
 from jbclog.record.manifest import (
     NAME,
     Lost,
@@ -51,17 +51,23 @@ from jbclog.record.manifest import (
     read_manifest,
     wrong_digest,
 )
-from jbclog.record.parts import part_paths, read_through, remove_leavings, remove_unfinished
-from jbclog.record.seal import seal_rows
-from jbclog.record.store import refuse_newer, segments
-from jbclog.record.store_reader import StoreReader
+from jbclog.record.part_chain import NAME as PARTS
+from jbclog.record.part_chain import PartChain
+from jbclog.record.part_writer import describe_part
+from jbclog.record.parts import part_number, part_paths, remove_leavings, remove_unfinished
+from jbclog.record.run_journal import AT_RISK_S
+from jbclog.record.schema import CAPTURE, SCHEMAS
+from jbclog.record.seal import seal_journal
+from jbclog.record.segments import segments
 
 
-def changed_parts(folder: Path, manifest: Manifest) -> dict[str, str]:
-    """Return the parts of a manifest that differ from their sealed state, each with the reason."""
+def changed_parts(folder: Path, files: Iterable[SealedFile]) -> dict[str, str]:
+    """Return those of the parts in `files` that differ from their sealed state, each with the
+    reason.
+    """
     found = {}
-    for listed in manifest.files:
-        if listed.path.partition("/")[0] in TABLES:
+    for listed in files:
+        if listed.path.partition("/")[0] in SCHEMAS:
             why = _difference(folder, listed)
             if why:
                 found[listed.path] = why
@@ -73,42 +79,47 @@ def _difference(folder: Path, listed: SealedFile) -> str | None:
     try:
         if not path.is_file():
             return "is missing"
-        return (
-            None
-            if sealed_file(folder, path, None).sha256 == listed.sha256
-            else "was changed after it was sealed"
-        )
+        if sealed_file(folder, path, None).sha256 != listed.sha256:
+            return "was changed after it was sealed"
     except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
         return f"cannot be read: {getattr(error, 'strerror', None) or error}"
-
-
-def set_parts_aside(folder: Path, manifest: Manifest) -> None:
-    """Set unreadable and changed parts aside and note them; their rows are sealed again as far as
-    the live store has them.
-    """
-    wrong = changed_parts(folder, manifest)
-    for table in TABLES:
-        for path in part_paths(folder, table):
-            name = f"{table}/{path.name}"
-            why = wrong.pop(name, None) or _unreadable(path)
-            if why:
-                parts.note_damage(folder, [parts.Damage(name, None, why)])
-                parts.set_aside(folder, path)
-    parts.note_damage(folder, [parts.Damage(name, None, why) for name, why in wrong.items()])
-
-
-def _unreadable(path: Path) -> str | None:
-    try:
-        read_through(path)
-    except (OSError, RecordError) as error:
-        return f"cannot be read: {sealed_files.portable(error, path)}"
     return None
+
+
+def _set_parts_aside(folder: Path) -> None:
+    """Set changed parts aside and note them; their rows are sealed again if the segment is still
+    there.
+    """
+    chain = PartChain(folder)
+    for name, why in changed_parts(folder, (part.file for part in chain.parts)).items():
+        path = folder / name
+        rows = next(part.file.rows for part in chain.parts if part.file.path == name)
+        note_damage(folder, [Damage(name, rows, why)])
+        if path.exists():
+            set_aside(folder, path)
+
+
+def _adopt_parts(folder: Path) -> None:
+    """Add parts to the chain of which it has lost the line: their segments are not there."""
+    chain = PartChain(folder)
+    note_damage(folder, [Damage(PARTS, None, text) for text in chain.damage])
+    known = {part.file.path for part in chain.parts}
+    for table in SCHEMAS:
+        for path in part_paths(folder, table):
+            if f"{table}/{path.name}" in known:
+                continue
+            try:
+                chain.add(part_number(path), describe_part(path))
+            except RecordError as error:
+                why = f"cannot be read: {sealed_files.portable(error, path)}"
+                note_damage(folder, [Damage(f"{table}/{path.name}", None, why)])
+                set_aside(folder, path)
 
 
 PATIENCE_S: Final = 10.0  # for a sealing child that outlived its recorder
 FINISHED: Final = "already finished; nothing was changed."
 NOT_REBUILT: Final = (
-    "No live store is left to rebuild it from; `jbclog check` lists what else is wrong."
+    "No journal is left to rebuild it from; `jbclog check` lists what else is wrong."
 )
 EXIT_CODE: Final = RecordError.exit_code
 
@@ -144,6 +155,7 @@ def is_run(folder: Path) -> bool:
         return folder.is_dir() and (
             bool(RUN_NAME.fullmatch(folder.name))
             or (folder / NAME).exists()
+            or (folder / OLD_STORE).exists()
             or bool(segments(folder))
         )
     return False
@@ -176,6 +188,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     if not is_run(folder):
         raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)
+    refuse_old_store(folder)
     manifest = _draft(folder)
     if manifest.is_sealed and not live_files(folder):
         return _recovery(
@@ -184,14 +197,15 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
             f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}",
             manifest,
         )
-    refuse_newer(folder)
+    with Journal(folder) as journal:
+        refuse_newer(journal)
     lock = FolderLock.take(folder, patience_s)
     try:
         with guard_actions.without_guard(folder, patience_s):
             manifest = _draft(folder)  # the recorder may have finished while we waited
-            if manifest.is_sealed and not changed_parts(folder, manifest):
+            if manifest.is_sealed and not changed_parts(folder, manifest.files):
                 remove_live(folder, lock)
-                text = f"{folder.name}: already sealed; its live store is now removed."
+                text = f"{folder.name}: already sealed; its journal is now removed."
                 return _recovery(folder, Outcome.RECOVERED, text, manifest)
             return _finish(folder, manifest, lock)
     except OSError as error:
@@ -203,26 +217,27 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
     """Describe damaged parts of a sealed run, which nothing can rebuild; empty for none."""
-    found = [f"{name} {why}" for name, why in changed_parts(folder, manifest).items()]
+    found = [f"{name} {why}" for name, why in changed_parts(folder, manifest.files).items()]
     return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 
 
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
     remove_unfinished(folder)
-    set_parts_aside(folder, manifest)
-    manifest = replace(manifest, state=RunState.OPEN, files=[], wire=_wire(folder, manifest))
-    seal_rows(folder)
+    _set_parts_aside(folder)
+    manifest = replace(manifest, state=RunState.OPEN, files=[])
+    seal_journal(folder)
+    _adopt_parts(folder)
+    manifest = replace(manifest, wire=_capture(folder, manifest))
     by_guard = guard_actions.on_run_clock(
         guard_actions.action_log(folder), clock_steps.steps_of(folder)
     )
     guard_actions.take_in(folder, manifest.run, [*by_guard])
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
-    with StoreReader(folder) as store:
-        _note_missing_end(folder, store.last)
-        stations = _note_left_hot(folder, manifest, store)
+    with Journal(folder) as journal:
+        stations = _note_left_hot(folder, manifest, journal)
         manifest = _outcome(
-            folder, manifest, store, is_safe=not any(facts.unsafe for facts in stations)
+            folder, manifest, journal, is_safe=not any(facts.unsafe for facts in stations)
         )
     sealed = conclude(folder, manifest, lock)
     rows = rows_of(sealed)
@@ -230,7 +245,6 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
         f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status},"
         f" verdict {sealed.verdict}."
     )
-    text += f" {sealed.wire}" if sealed.wire is not None and NOT_OURS in sealed.wire else ""
     unsafe = [facts.name for facts in sealed.stations if facts.unsafe]
     return _recovery(
         folder,
@@ -254,20 +268,21 @@ def _recovery(
     return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
 
 
-def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list[StationFacts]:
+def _note_left_hot(folder: Path, manifest: Manifest, journal: Journal) -> list[StationFacts]:
     """Add an event for each tool whose safe state is unknown; return stations' facts with it."""
-    stations = stations_of(folder, store, manifest)
+    stations = stations_of(folder, journal, manifest)
     unknown = unknown_tools(folder, stations, manifest.guard)
-    guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
+    events = hot_events(unknown, last_micros(folder) or 0)
+    guard_actions.take_in(folder, manifest.run, events)
     return with_unknown(stations, unknown)
 
 
 def rows_of(manifest: Manifest) -> dict[str, int]:
-    """Return the number of sealed rows by table, and of capture lines if it was captured."""
+    """Return the number of sealed rows by table, and of the capture if there is one."""
     found: Counter[str] = Counter(dict.fromkeys(TABLES, 0))
     for file in manifest.files:
         found[file.path.partition("/")[0]] += file.rows or 0
-    names = (*TABLES, capture.FOLDER) if manifest.wire is not None else TABLES
+    names = (*TABLES, CAPTURE) if manifest.wire is not None else TABLES
     return {name: found[name] for name in names}
 
 
@@ -277,14 +292,9 @@ def _counted(rows: Mapping[str, int]) -> str:
 
 
 def _named(name: str, count: int) -> str:
-    several = "lines of serial capture" if name == capture.FOLDER else name
-    return (
-        several
-        if count != 1
-        else "line of serial capture"
-        if name == capture.FOLDER
-        else name.removesuffix("s")
-    )
+    if name == CAPTURE:
+        return "row of serial capture" if count == 1 else "rows of serial capture"
+    return name.removesuffix("s") if count == 1 else name
 
 
 def _draft(folder: Path) -> Manifest:
@@ -300,58 +310,63 @@ def _draft(folder: Path) -> Manifest:
     except NoManifest as error:
         if not live_files(folder):
             raise
-        parts.note_damage(
-            folder,
-            [parts.Damage(NAME, None, f"cannot be read; rewritten from the live store: {error}")],
-        )
-        parts.set_aside(folder, folder / NAME)
+        why = f"cannot be read; rewritten from the journal: {error}"
+        note_damage(folder, [Damage(NAME, None, why)])
+        set_aside(folder, folder / NAME)
         return Manifest(run=folder.name)
 
 
-def _outcome(folder: Path, manifest: Manifest, store: StoreReader, *, is_safe: bool) -> Manifest:
+def _outcome(folder: Path, manifest: Manifest, journal: Journal, *, is_safe: bool) -> Manifest:
     """Complete the manifest with the end that the recorder could not write."""
-    found = parts.read_damage(folder)
-    if store.was_closed and manifest.exit_status is not None and not found:
+    damage = read_damage(folder)
+    was_closed = journal.notes.get("closed") is True
+    if was_closed and manifest.exit_status is not None and not damage:
         return manifest  # the run ended properly; only its sealing was interrupted
     return replace(
         manifest,
         exit_status="lost",
         exit_code=EXIT_CODE if is_safe else Unsafe.exit_code,
         verdict="INCONCLUSIVE" if _was_to_be_judged(folder, manifest) else "NOT JUDGED",
-        lost=_lost(found, store),
+        lost=_lost(damage, journal, manifest, was_closed=was_closed),
     )
 
 
-def _lost(found: list[parts.Damage], store: StoreReader) -> Lost:
-    unkept = unkept_rows(store)
-    if store.was_closed and not found and not unkept:
+def _lost(damage: list[Damage], journal: Journal, manifest: Manifest, *, was_closed: bool) -> Lost:
+    unkept = unkept_rows(journal)
+    pieces = summary_of(damage)
+    if unkept:
+        pieces.append(f"{count_text(unkept, 'row')} {NOT_KEPT}")
+    if was_closed and not pieces:
         return Lost(
             0.0, "The recorder ended before it could write the run's result; no row is missing."
         )
-    ends = [one.seconds for one in found if one.seconds is not None]
-    text, at_risk_s = "The recorder ended without closing the record.", _at_risk_s(store.folder)
-    if len(ends) == len(found) and not unkept:
-        seconds = at_risk_s + sum(ends)
-        return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
-    pieces = parts.summary_of(found) + (
-        [f"{count_text(unkept, 'row')} {NOT_KEPT}"] if unkept else []
-    )
+    text = "The recorder ended without closing the record."
+    if manifest.start is not None and not (journal.notes or journal.chain.parts or pieces):
+        return Lost(None, f"{text} The journal holds nothing of it.")
+    at_risk_s = _at_risk_s(journal)
+    if not pieces:
+        return Lost(at_risk_s, f"{text} At most the last {at_risk_s:g} s of it are missing.")
     return Lost(
         None, f"{text} The last {at_risk_s:g} s of it may be missing, and: {'; '.join(pieces)}."
     )
 
 
-def _at_risk_s(folder: Path) -> float:
+def _at_risk_s(journal: Journal) -> float:
     """Return the longest time that rows can have waited for their commit, in seconds.
 
-    The guard's log has the recorder's end, and with it the length of the last wait.
+    The recorder notes how long they waited before. The guard's log has the recorder's end, and with
+    it the length of the last wait.
     """
-    said = commit_status(folder)
+    noted = journal.notes.get("risk_s")
+    waits_s = [AT_RISK_S, noted if isinstance(noted, int | float) else 0.0]
     ended = [
-        event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == TOOK_OVER[0]
+        event.time
+        for event in guard_actions.action_log(journal.folder)
+        if event.kind == TOOK_OVER[0]
     ]
-    last = ended[0] - said.since if ended and said.since is not None else 0.0
-    return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
+    if ended and journal.last_mark is not None:
+        waits_s.append((ended[0] - journal.last_mark.utc_us) / 1e6)
+    return math.ceil(max(waits_s) * 10) / 10
 
 
 def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
@@ -366,50 +381,17 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
         return True
 
 
-def _wire(folder: Path, manifest: Manifest) -> str | None:
-    """Cut incomplete ends off the serial captures; return what they lack, `WHOLE` for nothing, None
-    without captures.
-    """
-    paths = capture.wire_paths(folder)
-    if not paths:
+def _capture(folder: Path, manifest: Manifest) -> str | None:
+    """Return what the sealed capture lacks, `WHOLE` for nothing, None for a run without one."""
+    if not part_paths(folder, CAPTURE):
         return None if manifest.wire is None else "The recorder ended before the capture began."
-    return " ".join(text for path in paths for text in _lacking(path)) or capture.WHOLE
-
-
-def _lacking(path: Path) -> Iterator[str]:
-    name = f"{capture.FOLDER}/{path.name}"
     try:
-        cut = capture.mend(path)
-        if cut:
-            yield f"{name}: the last {cut} bytes were an incomplete block and were cut off."
-        if not path.stat().st_size:
-            path.unlink()
-            yield f"{name}: empty."
-            return
-        found = [*sealed_files.losses(path)]
-        yield from (f"{name}: {text}." for text in found)
-        if not any(NOT_OURS in text for text in found) and not capture.is_done(path):
-            yield (
-                f"{name} ends before its session: at most the last {AT_RISK_S:g} s are missing, or"
-                " what wire.failed says."
-            )
-    except OSError as error:
-        yield f"{name} cannot be read: {error.strerror or error}."
-
-
-def _note_missing_end(folder: Path, last: int) -> None:
-    """Note acknowledged batches that the store lacks: the end of SQLite's log is lost."""
-    missing = commit_status(folder).last - last
-    if missing > 0:
-        which = f"batches {last + 1} to {last + missing}"
-        parts.note_damage(
-            folder,
-            [
-                parts.Damage(
-                    which,
-                    None,
-                    "acknowledged, but missing from the live store",
-                    missing * AT_RISK_S,
-                )
-            ],
-        )
+        lacking = wire.losses(folder)
+    except RecordError as error:
+        return f"The serial capture cannot be read: {sealed_files.portable(error, folder)}."
+    if not lacking:
+        return wire.WHOLE
+    return (
+        f"The serial capture is not whole: {'; '.join(lacking)}. At most the last"
+        f" {AT_RISK_S:g} s are missing, more if the power failed, or what wire.failed says."
+    )

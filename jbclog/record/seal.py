@@ -1,9 +1,15 @@
-"""Sealing: move rows from the live store into Parquet parts.
+"""Sealing: a segment of the journal becomes a Parquet part of each table.
 
-The order survives a crash anywhere. A part is complete, synced and compared before it gets its name
-(`parts`) and carries the number of its last batch; then its batches are deleted; the store itself
-is removed only after the manifest says "sealed". So each row is in a part, in the store, or
-recognizably in both.
+1. A part is complete, synced and compared before it gets its name (`part_writer`), which has the
+   segment's number. A part counts when it is in the chain (`part_chain`), synced. Then the segment
+   is removed.
+2. A part has the rows above the greatest `seq` in the parts of earlier segments. So each step can
+   be repeated after a crash: a part that is not in the chain is written again, with the same name
+   and rows.
+3. What damage took from a segment is noted before its rows are in parts. A damaged segment is kept
+   in `damaged/`.
+4. The last segment that begins with the notes of the run and what is known of the stations stays
+   until the manifest is sealed (`conclude`). The recorder writes to no segment before it.
 
 A child process of low priority does this hourly and at the end: ``python -m jbclog.record.seal
 RUN``.
@@ -12,10 +18,7 @@ RUN``.
 from __future__ import annotations
 
 import argparse
-import sqlite3
 import sys
-from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -24,62 +27,50 @@ import pyarrow as pa
 from jbclog.core.disk_space import write_failure
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
-from jbclog.core.operating_system import lower_priority
+from jbclog.core.operating_system import lower_priority, sync_folder
 from jbclog.core.rows import TABLES
-from jbclog.record import parts
-from jbclog.record.parts import remove_leavings, through, write_part
-from jbclog.record.store import Segment, segments
-from jbclog.record.store_reader import StoreReader
+from jbclog.record.damage import is_noted, keep_copy, note_damage
+from jbclog.record.journal_reader import Journal, Segment, losses
+from jbclog.record.part_writer import collected, write_part
+from jbclog.record.parts import remove_leavings
+from jbclog.record.wire import seal_capture
 
 NICENESS: Final = 10
-ROWS_A_PART: Final = 8_000_000  # an hour of 256 ports at 10 Hz; a footer of 1.3 MB
 
 
-def seal_rows(folder: Path, *, part: bool = False) -> int:
-    """Move the rows of the live store into Parquet; return the number of the last sealed batch.
+def seal_journal(folder: Path, *, is_open: bool = False) -> None:
+    """Make parts of all segments; with `is_open`, the recorder continues in the last one.
 
-    With `part` the recorder continues and sealed batches are deleted from its store; without,
-    `conclude` removes the store. The caller or its parent holds the folder's lock. Raises
-    `RecordError`.
+    The caller or its parent holds the folder's lock. Raises `RecordError`.
     """
     try:
         remove_leavings(folder)
-        last, sound = _seal_store(folder)
-        if part and sound:  # a damaged store stays as it is
-            _delete(folder, last)
-    except (OSError, sqlite3.Error) as error:
+        with Journal(folder) as journal:
+            kept = journal.last_begun()
+            for place, segment in enumerate(journal.segments()):
+                if place < kept or not is_open:
+                    _seal_segment(journal, place, segment)
+                if place < kept:
+                    segment.path.unlink()
+                    sync_folder(folder)
+        seal_capture(folder, is_open=is_open)
+    except OSError as error:
         raise RecordError(f"{folder} cannot be sealed: {write_failure(error, folder)}") from error
-    return last
 
 
-def _seal_store(folder: Path) -> tuple[int, bool]:
-    """Seal all batches; return the number of the last one, and True if all were sound."""
-    with StoreReader(folder) as store:
-        for table in TABLES:
-            numbers = store.numbers_of(table, through(folder, table))
-            for some, last in _shares(store, numbers):
-                write_part(folder, table, partial(store.row_groups, some), last)
-        parts.note_damage(folder, store.damage)
-        return store.last, not store.damage
-
-
-def _shares(store: StoreReader, numbers: list[int]) -> Iterator[tuple[list[int], int]]:
-    """Divide batches among parts, whose footers are read whole; yield the batches of each part and
-    the number of its last.
-    """
-    count = max(ROWS_A_PART // store.mean_rows, 1)
-    for at in range(0, len(numbers), count):
-        some = numbers[at : at + count]
-        yield some, store.last if some[-1] == numbers[-1] else some[-1]
-
-
-def _delete(folder: Path, last: int) -> None:
-    for path in segments(folder):
-        segment = Segment.open(path)
-        try:
-            segment.delete_through(last)
-        finally:
-            segment.close()
+def _seal_segment(journal: Journal, place: int, segment: Segment) -> None:
+    folder, chain = journal.folder, journal.chain
+    note_damage(folder, losses(journal, place, segment))
+    for table in TABLES:
+        if chain.has(table, segment.number):
+            continue
+        above = chain.last_seq(table, before=segment.number)
+        rows = collected(table, segment.rows(table, above))
+        note_damage(folder, segment.damage)
+        if rows.num_rows:
+            chain.add(segment.number, write_part(folder, table, rows, segment.number))
+    if is_noted(folder, segment.path):
+        keep_copy(folder, segment.path)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -88,9 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("run", type=Path)
     parser.add_argument(
-        "--part",
-        action="store_true",
-        help="the recorder continues; delete sealed batches from its store",
+        "--part", action="store_true", help="the recorder continues in the last segment"
     )
     parser.add_argument("--lock", type=int, help="the folder's lock, inherited from the recorder")
     given = parser.parse_args(arguments)
@@ -104,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
             else FolderLock.take(given.run)
         )
         lock.expect_ours()
-        seal_rows(given.run, part=given.part)
+        seal_journal(given.run, is_open=given.part)
         lock.release()
     except RecordError as error:
         sys.stderr.write(f"{error}\n")

@@ -16,7 +16,7 @@ SEAL_S: Final = 3600.0  # default interval
 
 
 class SealChild:
-    """`seal.seal_rows` in a child process of low priority, which holds the folder's lock even if
+    """`seal.seal_journal` in a child process of low priority, which holds the folder's lock even if
     the recorder dies.
     """
 
@@ -59,7 +59,7 @@ class SealChild:
 
 
 def seal_in_child(folder: Path, lock: FolderLock) -> None:
-    """Run `seal_rows` in a child process and wait for it. Raises `RecordError`."""
+    """Run `seal_journal` in a child process and wait for it. Raises `RecordError`."""
     problem = SealChild(folder, lock).wait()
     if problem:
         raise RecordError(problem)

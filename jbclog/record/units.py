@@ -36,8 +36,8 @@ def units_in(events: Iterable[pa.Table]) -> list[Unit]:
         for micros, kind, raw in zip(
             *(column.to_pylist() for column in _plain(marks)), strict=True
         ):
-            if found and found[-1].end is None:
-                found[-1] = replace(found[-1], end=iso(micros))
+            if found and found[-1].stop is None:
+                found[-1] = replace(found[-1], stop=iso(micros))
             if kind == BEGIN:
                 found.append(Unit(raw or "", iso(micros)))
     return found

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from jbclog.analysis.run import Run
-from jbclog.analysis.run_alarms import TABLE, Alarms
+from jbclog.analysis.derived_schemas import ALARMS_SCHEMA
+from jbclog.analysis.run_alarms import Alarms
 from jbclog.report.text import Row
 
 WITNESSES: Final = {"A": "flag", "B": "samples", "C": "excursion"}
-COLUMNS: Final = tuple(TABLE)  # columns of tables/alarms.csv
+COLUMNS: Final = tuple(ALARMS_SCHEMA.names[1:])  # columns of tables/alarms.csv, all but `run`
 AFTERWARDS: Final = "C"
 
 
@@ -36,9 +36,8 @@ class AlarmFacts:
     excursions: int
 
 
-def alarm_facts(run: Run) -> AlarmFacts:
-    """Return the alarms of a sealed run. Raises `RecordError`."""
-    found = run.alarm_findings()
+def alarm_facts(found: Alarms) -> AlarmFacts:
+    """Return the alarms of a sealed run."""
     incidents = _incidents(found)
     return AlarmFacts(
         incidents=incidents,
@@ -68,11 +67,11 @@ def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
         "station",
         "port",
         "side",
-        "onset_earliest",
-        "onset",
-        "end_earliest",
-        "end",
-        "end_reason",
+        "start_earliest",
+        "start",
+        "stop_earliest",
+        "stop",
+        "stop_reason",
         "seconds",
         "seconds_least",
         "seconds_most",
@@ -88,9 +87,9 @@ def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
             (row["peak_c"] for row in (chosen, *episodes) if row["peak_c"] is not None), None
         ),
         "state": _state(episodes),
-        "is_alarm": any(row["detector"] != AFTERWARDS for row in episodes),
+        "is_alarm": any(row["main"] for row in episodes),
         "waiting": waiting,
-        "witnesses": _detectors(episodes),
+        "witnesses": chosen["witnesses"],
         "episodes": [dict(row) for row in episodes],
     }
 
@@ -98,11 +97,3 @@ def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
 def _state(episodes: Sequence[Row]) -> str:
     states = {str(row["state"]) for row in episodes}
     return next((state for state in ("active", "uncertain") if state in states), "cleared")
-
-
-def _detectors(episodes: Sequence[Row]) -> str:
-    """Return ``A, B ×2``."""
-    counts = {letter: sum(row["detector"] == letter for row in episodes) for letter in WITNESSES}
-    return ", ".join(
-        f"{letter} ×{count}" if count > 1 else letter for letter, count in counts.items() if count
-    )

@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.coded_texts import coded
 from jbclog.core.text import csv_cell
 from jbclog.report.text import iso_times
 
@@ -47,7 +46,7 @@ def _cells(column: pa.Array) -> pa.StringArray:
         return column.cast(pa.string())
     if pa.types.is_timestamp(kind):
         return iso_times(column)
-    texts = coded(column)  # few are distinct
+    texts = column.dictionary_encode()  # few are distinct
     cells = pa.array([_cell(text) for text in texts.dictionary.to_pylist()], pa.string())
     return cells.take(texts.indices)
 

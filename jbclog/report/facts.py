@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from jbclog.analysis.verdict import Bound
 from jbclog.report.alarms import AlarmFacts
 
-SCHEMA = 1
+SCHEMA = 2  # 0.1.0 wrote 1
 
 
 @dataclass(slots=True)
@@ -66,14 +66,14 @@ class RecordedFacts:
     coverage_percent: float | None
     longest_gap_s: float | None
     late_p99_ms: float | None
-    gaps: list[dict[str, object]]  # the longest: from, seconds, why
+    gaps: list[dict[str, object]]  # the longest, as in the table of gaps
 
 
 @dataclass(slots=True)
 class TipFacts:
     """The tip in °C. `analysis/verdict/idle.py` defines the idle figures."""
 
-    set_c: float | None
+    setpoint_c: float | None
     alarm_high_c: float | None
     alarm_low_c: float | None
     least_c: float | None
@@ -149,7 +149,7 @@ class PortFacts:
     """One port: its tool, its figures, the state in which the run left it (`safety.py`)."""
 
     port: int
-    tool: str | None
+    tool_name: str | None
     recorded: RecordedFacts
     tip: TipFacts
     power: PowerFacts
@@ -219,8 +219,8 @@ class Facts:
     exit_status: str | None
     exit_code: int | None
     lost: str | None
-    started: str | None
-    ended: str | None
+    start: str | None
+    stop: str | None
     duration_s: float | None
     clock_wrong: str | None
     rate: str

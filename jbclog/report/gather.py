@@ -11,6 +11,7 @@ from jbclog.analysis.figures.marks import happenings, limits_of
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.rejudge import is_cut_off
 from jbclog.analysis.run import Run
+from jbclog.analysis.run_alarms import Alarms
 from jbclog.analysis.verdict.samples import KeptMeasures, Measuring
 from jbclog.report.alarms import alarm_facts
 from jbclog.report.facts import CROWD, Facts, FigureFacts, VerdictFacts
@@ -22,7 +23,7 @@ from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
 
-def gather(run: Run, joints: Joints) -> Facts:
+def gather(run: Run, joints: Joints, alarms: Alarms) -> Facts:
     """Return the facts of the report of `run`. Raises `RecordError`."""
     manifest = run.manifest
     overview = Overview(manifest.t0_utc_us)
@@ -37,7 +38,7 @@ def gather(run: Run, joints: Joints) -> Facts:
         verdict=verdict,
         overview=shown,
         stations=stations,
-        alarms=alarm_facts(run),
+        alarms=alarm_facts(alarms),
         units=unit_rows(joints),
         metrics=joints.metrics,
         **of_run(run),

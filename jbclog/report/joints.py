@@ -1,13 +1,12 @@
-"""The joints of a report: `joints.parquet` as `Run.joints` finds them, figures by port and by unit,
-and their chart.
+"""The joints of a report: the derived tables as files, figures by port and by unit, and their
+chart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from io import SEEK_END, BytesIO
-from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -15,28 +14,30 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from jbclog.analysis.derived_files import Origin, derived_files
+from jbclog.analysis.derived_schemas import JOINTS_SCHEMA
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import Floats
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.run import Run
-from jbclog.analysis.run_joints import OF_SPANS, joints_of_port, serials_of
+from jbclog.analysis.run_alarms import Alarms
+from jbclog.analysis.run_derived import derived_tables
+from jbclog.analysis.run_joints import OF_SPANS, joints_of_port
 from jbclog.analysis.run_metrics import joints_and_metrics
-from jbclog.analysis.stored_tables import JOINTS_FILE as JOINTS
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA, joints_parquet
 from jbclog.analysis.verdict.quantiles import censored_quantile
 from jbclog.core.text import clean, csv_text
-from jbclog.record.manifest import manifest_sha256
+from jbclog.record.folder import derived_file
 from jbclog.report.column_csv import csv_lines
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import RecoveryChart, draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.text import Row
 
-__all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
+__all__ = ["COLUMNS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
 UNIT: Final = "unit"
 ROWS_AT_ONCE: Final = 16_384
-COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # columns of tables/joints.csv
+COLUMNS: Final = tuple(JOINTS_SCHEMA.names[1:])  # columns of tables/joints.csv, all but `run`
 METRICS: Final[tuple[str, ...]] = (
     *("joints", "joints_kind_not_known", "joints_not_recovered", "recovered_before_next_percent"),
     *(
@@ -58,7 +59,7 @@ METRICS: Final[tuple[str, ...]] = (
 )
 OF_JOINTS: Final = "joints"
 OF_CHART: Final = ("recovery_s", "deficit_c", "had_s", "recovered")
-SHOWN: Final = list(dict.fromkeys(("station", "port", *OF_SPANS, *OF_CHART)))
+SHOWN: Final = list(dict.fromkeys(("station", "port", UNIT, *OF_SPANS, *OF_CHART)))
 AT_WORK: Final = "power_mean_permille"  # without it the tool never worked and made no joints
 
 Recovery = tuple[float | None, float | None, bool | None]
@@ -69,16 +70,15 @@ it.
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """All joints of a run: their table with the columns `SHOWN`, the file with all columns, the
-    metrics of the run, and the unit of each joint.
+    """All joints of a run: their table with the columns `SHOWN`, the files of all derived tables,
+    and the metrics of the run.
 
     All columns of a hundred thousand joints, a week of a port, take 22 MB as a table.
     """
 
     table: pa.Table
-    parquet: bytes
+    files: Mapping[str, bytes]
     metrics: list[Row]
-    units: list[str | None]
     taken: list[Row]
     # metrics of each port by name
     by_port: Mapping[tuple[object, object], dict[str, Row]]
@@ -92,32 +92,41 @@ class Joints:
         return self.by_port.get((station, port), {})
 
     def csv(self) -> bytes:
-        """Return the table with the unit of each joint as CSV, encoding a few thousand rows at a
-        time.
-        """
-        out, units = BytesIO(csv_text(COLUMNS, ()).encode()), iter(self.units)
+        """Return the table as CSV, encoding a few thousand rows at a time."""
+        out = BytesIO(csv_text(COLUMNS, ()).encode())
         out.seek(0, SEEK_END)
-        with pq.ParquetFile(pa.BufferReader(self.parquet)) as file:
-            for number, batch in enumerate(file.iter_batches(ROWS_AT_ONCE, use_threads=False)):
-                rows = pa.Table.from_batches([batch])
-                own = [unit and clean(unit) for unit in islice(units, len(rows))]
-                out.write(csv_lines(rows.add_column(0, UNIT, pa.array(own, pa.string()))))
+        parquet = self.files[derived_file("joints")]
+        with pq.ParquetFile(pa.BufferReader(parquet)) as file:
+            batches = file.iter_batches(ROWS_AT_ONCE, columns=[*COLUMNS], use_threads=False)
+            for number, batch in enumerate(batches):
+                out.write(csv_lines(_cleaned(pa.Table.from_batches([batch]))))
                 if not number % 8:  # memory between the growing file's pieces
                     pa.default_memory_pool().release_unused()
         return out.getvalue()
 
 
-def joints_of(run: Run) -> Joints:
+def _cleaned(joints: pa.Table) -> pa.Table:
+    """Return the joints without invisible characters in what people typed."""
+    for name in ("unit", "tip"):
+        texts = [text and clean(text) for text in joints[name].to_pylist()]
+        place = joints.schema.get_field_index(name)
+        joints = joints.set_column(place, name, pa.array(texts, pa.string()))
+    return joints
+
+
+def joints_of(run: Run, alarms: Alarms) -> Joints:
     """Find the joints in the samples; the same run gives the same bytes. Raises `RecordError`."""
-    table, metrics, taken = joints_and_metrics(run)
-    serials = serials_of(run, table) if table.num_rows else []
+    origin = Origin.of(run.folder)
+    measures = joints_and_metrics(run)
+    files = derived_files(derived_tables(run, measures, alarms), origin)
+    metrics = [asdict(row) for row in measures.metrics]
     by_port: dict[tuple[object, object], dict[str, Row]] = {}
     for row in metrics:
         by_port.setdefault((row["station"], row["port"]), {})[str(row["metric"])] = row
-    file = joints_parquet(table, manifest_sha256(run.folder))
-    table = table.select(SHOWN)
+    table, taken = measures.joints.select(SHOWN), measures.parameters
+    del measures
     pa.default_memory_pool().release_unused()  # memory of the search, between what is kept
-    return Joints(table, file, metrics, serials, taken, by_port)
+    return Joints(table, files, metrics, taken, by_port)
 
 
 def joint_facts(
@@ -181,18 +190,22 @@ def _floats(column: pa.ChunkedArray) -> Floats:
 
 
 def unit_rows(found: Joints) -> list[Row]:
-    """Return joints and recovery of each unit whose joints are known, in order of their begin."""
-    if not any(found.units):
+    """Return the joints that were found in each unit, and their recovery, in order of their begin.
+    How many a unit has is known only where no gap hides some: `Run.units()`.
+    """
+    units = found.table[UNIT].to_pylist()
+    if not any(units):
         return []
     joints = zip(
         *(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")),
         strict=True,
     )
     by_unit: dict[str | None, list[Recovery]] = {}
-    for unit, joint in zip(found.units, joints, strict=True):
+    for unit, joint in zip(units, joints, strict=True):
         by_unit.setdefault(unit, []).append(joint)
     return [
-        {UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()
+        {UNIT: unit, "joints_found": len(these), **_recovery(these)}
+        for unit, these in by_unit.items()
     ]
 
 

@@ -35,7 +35,7 @@ from jbclog.analysis.figures.curves import (
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, MarkKind, Trace
-from jbclog.analysis.verdict.idle import setting_in_force
+from jbclog.analysis.port_data import setting_in_force
 from jbclog.core.text import count_text
 
 REACH_C = 40.0

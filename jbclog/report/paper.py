@@ -53,7 +53,7 @@ SOURCES: Final = (
     "Sources: A, the station's flag; B, samples with the alarm's delay and a deadband; C, any"
     " sample beyond the limit, which alone is no alarm. Began: between two readings."
 )
-FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and joints.parquet."
+FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and derived/joints.parquet."
 
 
 def report_pdf(facts: Facts) -> bytes:
@@ -61,7 +61,7 @@ def report_pdf(facts: Facts) -> bytes:
 
     Raises `RecordError`.
     """
-    ended = facts.ended or facts.started
+    ended = facts.stop or facts.start
     return pdf_of(_data(facts), UNKNOWN if ended is None else datetime.fromisoformat(ended))
 
 
@@ -106,7 +106,7 @@ def _content(facts: Facts) -> dict[str, object]:
     """Return the content. `front`: sections of the first sheet; those that leave no space to sign
     follow on the next.
     """
-    ended = facts.ended or facts.started
+    ended = facts.stop or facts.start
     dated = UNKNOWN if ended is None else datetime.fromisoformat(ended).astimezone(UTC)
     reasons = [
         [RESULT_SIGNS.get(one.result, ""), together(one.text)]
@@ -149,8 +149,8 @@ def _head(facts: Facts) -> list[list[str]]:
         ["Line", str(facts.line.get("name", "not known"))],
         *recipes,
         *metadata,
-        ["Start, UTC", stamp(facts.started)],
-        ["End, UTC", stamp(facts.ended)],
+        ["Start, UTC", stamp(facts.start)],
+        ["End, UTC", stamp(facts.stop)],
         ["Duration", f"{length}, {ENDINGS.get(facts.exit_status or '', 'end not known')}"],
     ]
 

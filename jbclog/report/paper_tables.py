@@ -24,13 +24,13 @@ StationPort = tuple[StationReport, PortFacts]
 
 
 def _summary_row(line: RowView) -> Part:
-    result, unit = str(line["result"]), str(line["unit"])
+    result, uom = str(line["result"]), str(line["uom"])
     words = [
         _spaced(line["name"]),
-        measured(line["limit"], unit),
+        measured(line["limit_value"], uom),
         f"{line['kept']} of {line['of']}",
-        measured(line["worst"], unit),
-        bound_text(line["bound"], unit),
+        measured(line["worst"], uom),
+        bound_text(line["bound"], uom),
         place(line),
         _result(result),
     ]
@@ -43,13 +43,13 @@ SUMMARY = Table(
 
 
 def _rule_row(rule: RowView) -> Part:
-    result, unit = str(rule["result"]), str(rule["unit"])
+    result, uom = str(rule["result"]), str(rule["uom"])
     words = [
         _spaced(rule["name"]),
         place(rule) or "run",
-        measured(rule["limit"], unit),
-        measured(rule["observed"], unit),
-        bound_text(rule.get("bound"), unit),
+        measured(rule["limit_value"], uom),
+        measured(rule["observed"], uom),
+        bound_text(rule.get("bound"), uom),
         _result(result),
         str(rule["text"]),
     ]
@@ -83,7 +83,7 @@ def _port_row(of: StationPort) -> Part:
         _count(port),
         short(port.verification),
         port.left,
-        port.tool or "–",
+        port.tool_name or "–",
     ]
     return cells(words)
 
@@ -163,7 +163,7 @@ JOINTS = Table(
 
 def _unit_row(row: RowView) -> Part:
     words = [
-        number(row["joints"]),
+        number(row["joints_found"]),
         *(measured(row[name], "s") for name in ("recovery_p50_s", "recovery_slowest_s")),
         *(number(row[name]) for name in ("recovery_n", "not_recovered")),
         str(row["unit"] or "none or not known"),
@@ -172,7 +172,7 @@ def _unit_row(row: RowView) -> Part:
 
 
 UNITS = Table(
-    (">Joints", ">Median recovery", ">Slowest", ">n", ">Not back before next", "Unit"),
+    (">Joints found", ">Median recovery", ">Slowest", ">n", ">Not back before next", "Unit"),
     _unit_row,
     "tables/units.csv",
     FEWER_ROWS,
@@ -197,7 +197,7 @@ def _alarm_row(one: RowView) -> Part:
         str(one["number"]),
         place(one),
         f"{one['side']}{limit}",
-        interval(one, "onset_earliest", "onset"),
+        interval(one, "start_earliest", "start"),
         _lasted(one),
         measured(one["peak_c"], "°C"),
         str(one["witnesses"]),
@@ -302,9 +302,9 @@ def _setting_row(row: RowView) -> Part:
     words = [
         place(row),
         _spaced(row["setting"]),
-        str(row["tool"] or ""),
+        str(row["tool_name"] or ""),
         *(number(row[name]) for name in ("requested", "written", "readback")),
-        str(row["unit"]),
+        str(row["uom"]),
         str(row["outcome"]) if row["nak"] is None else f"{row['outcome']} (N {row['nak']})",
     ]
     is_wrong = row["outcome"] in ("mismatch", "refused", "unconfirmed")
@@ -323,7 +323,7 @@ def _counter_row(row: RowView) -> Part:
         place(row),
         _spaced(row["counter"]),
         *(number(row[name], 1) for name in ("first", "last", "difference")),
-        str(row["unit"]),
+        str(row["uom"]),
         str(row["note"]),
     ]
     return cells(words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,7 @@ from jbclog.analysis.figures.from_samples import (
     TEMPERATURE,
 )
 from jbclog.analysis.figures.trace import Air, Limit, Trace
+from jbclog.analysis.gaps import Gap
 from jbclog.analysis.verdict import PortMeasure
 from jbclog.core.clock import utc_of, utc_text
 from jbclog.report.facts import AirFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
@@ -66,9 +67,10 @@ def air_facts(air: Air) -> AirFacts:
 
 
 def recorded_facts(
-    rows: int, late_us: float | None, drawn: Trace, measure: PortMeasure | None, due: int
+    rows: int, late_us: float | None, measure: PortMeasure | None, due: int
 ) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
+    gaps = [] if measure is None else longest(measure.gaps)
     return RecordedFacts(
         rows=rows,
         due=due,
@@ -76,13 +78,24 @@ def recorded_facts(
         coverage_percent=100 * readings / due if due else None,
         longest_gap_s=None if measure is None else measure.gap_s,
         late_p99_ms=None if late_us is None else late_us / 1000,
-        gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in drawn.longest_gaps[:MOST_GAPS]],
+        gaps=[_gap(gap) for gap in gaps],
     )
 
 
-def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
-    start = utc_text(utc_of(t0_utc_us + round(gap.start * 1e6)))
-    return {"from": start, "seconds": round(gap.seconds, 6), "why": gap.word}
+def longest(gaps: Iterable[Gap]) -> list[Gap]:
+    """Return the longest gaps, the longest first; gaps of one length in order."""
+    return sorted(gaps, key=lambda gap: (-gap.seconds, gap.start_us))[:MOST_GAPS]
+
+
+def _gap(gap: Gap) -> dict[str, object]:
+    return {
+        "start": utc_text(utc_of(gap.start_us)),
+        "stop": utc_text(utc_of(gap.stop_us)),
+        "seconds": gap.seconds,
+        "missing": gap.missing,
+        "reasons": gap.reasons_text,
+        "at_least": gap.at_least,
+    }
 
 
 def tip_facts(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
@@ -90,7 +103,7 @@ def tip_facts(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
     if isinstance(bounds, str):
         bounds = None
     return TipFacts(
-        set_c=last_known(drawn.setting),
+        setpoint_c=last_known(drawn.setting),
         alarm_high_c=_limit(drawn.limits, "high"),
         alarm_low_c=_limit(drawn.limits, "low"),
         least_c=extreme(drawn.temperature, np.min),

@@ -1,8 +1,7 @@
 """The stations of a report and their ports: rows, facts and figures.
 
-The rows of several ports come from one pass over the samples. A week at 10 Hz takes 13 bytes per
-row: its trace is made of some 33 000 rows at a time and joined. A port without a grid, of hot air,
-or that reports only states is read as a whole.
+A week at 10 Hz takes 13 bytes per row: a port's trace is made of some 33 000 rows at a time and
+joined. A port without a grid, of hot air, or that reports only states is read as a whole.
 """
 
 from __future__ import annotations
@@ -17,12 +16,14 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from jbclog.analysis.clock_steps import steps_of
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import EXACT_IN_16, quantile
 from jbclog.analysis.figures.from_samples import (
     GrowingColumn,
     JoinedTrace,
     columns_of,
+    gap_spans,
     has_air,
     has_only_states,
     trace,
@@ -31,16 +32,14 @@ from jbclog.analysis.figures.marks import Happening, Place, marks_of
 from jbclog.analysis.figures.port import Scale, draw, scale_of
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.trace import Grid, Limit, MarkKind, Trace
-from jbclog.analysis.joints.port_reader import at_once, rows_due
-from jbclog.analysis.port_split import by_port, gathered
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_joints import OF_SPANS, spans_of
 from jbclog.analysis.verdict import PortMeasure
-from jbclog.analysis.verdict.clock_steps import Step, steps_of
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.core.text import clean
 from jbclog.record.manifest import Ledger
 from jbclog.record.parts import ROWS_A_GROUP
+from jbclog.record.samples_by_port import SamplesByPort
 from jbclog.record.schema import SCHEMAS
 from jbclog.report.captions import caption, closer, closer_caption, description
 from jbclog.report.facts import FigureFacts, PortFacts, StationReport
@@ -66,12 +65,10 @@ from jbclog.report.record_facts import (
 from jbclog.report.zoom import zoom_of
 
 NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
-GROUPS_KEPT: Final = 32  # row groups after which their memory is returned
 LONG: Final = 1 << 18  # rows of a port from which on its memory is returned once it is free
-MOST_ROWS: Final = 8_000_000  # rows of several stations in memory at once, some 13 bytes each
 TEXTS: Final = ("quality", "reasons", "status")
 COUNTED: Final = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
-READINGS: Final = ("temperature_c", "power_permille", "set_c")
+READINGS: Final = ("temperature_c", "power_permille", "setpoint_c")
 
 
 @dataclass(slots=True)
@@ -96,34 +93,42 @@ def station_reports(run: Run, context: Context) -> Iterator[StationReport]:
     """Yield one station of the run after the other."""
     stations = run.manifest.stations
     steps = tuple(steps_of(run.folder))
-    for number, (facts, samples) in enumerate(samples_of_stations(run, steps), 1):
-        context.has_overview = len(stations) > 1 or len(samples) > 1
+    columns = [name for facts in stations for name in columns_of(facts)]
+    samples = run.samples_by_port(["late_us", *columns])
+    for number, facts in enumerate(stations, 1):
+        grid = Grid(run.manifest.t0_utc_us, facts.period_s, steps)
+        recorded = sorted(port for name, port in samples.ports if name == facts.name)
+        context.has_overview = len(stations) > 1 or len(recorded) > 1
         # the name in a manifest can be any text
         stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"
         ports = [
-            port_facts(facts, port, f"{stem}-{port}", samples, context)
-            for port in ports_of(facts, sorted(samples))
+            port_facts(facts, port, f"{stem}-{port}", samples, grid, context)
+            for port in ports_of(facts, recorded)
         ]
         yield StationReport(ports=ports, **of_station(facts, cut_off=context.cut_off))
 
 
 def port_facts(
-    facts: StationFacts, port: int, file: str, samples: dict[int, PortSamples], context: Context
+    facts: StationFacts,
+    port: int,
+    file: str,
+    samples: SamplesByPort,
+    grid: Grid,
+    context: Context,
 ) -> PortFacts:
-    """Return one port from its rows, which are removed from `samples` and freed; the files of its
-    figures begin with `file`.
-    """
-    rows = samples.pop(port)
+    """Return one port from its rows; the files of its figures begin with `file`."""
+    rows = samples_of(samples, facts, port, grid)
     late_us = rows.late_us(0.99)  # before the trace, which takes as much memory
+    measure = context.measures.get((facts.name, port))
     drawn = replace(
         rows.trace(),
+        gaps=[] if measure is None else gap_spans(measure.gaps, rows.grid.t0_utc_us),
         limits=context.limits.get((facts.name, port), []),
         marks=marks_of(context.happenings, facts.name, port),
         joints=spans_of(context.joints.of_port(facts.name, port, OF_SPANS)),
     )
-    measure = context.measures.get((facts.name, port))
     recorded = recorded_facts(
-        rows.rows, late_us, drawn, measure, due_readings(context.ledger, facts, port)
+        rows.rows, late_us, measure, due_readings(context.ledger, facts, port)
     )
     seen = PortRows(rows.rows, last_known(drawn.temperature), rows.last_status)
     del rows  # it holds the input of the trace
@@ -201,48 +206,19 @@ def _svg(drawn: Trace, form: Format, scale: Scale) -> str:
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def samples_of_stations(
-    run: Run, steps: tuple[Step, ...]
-) -> Iterator[tuple[StationFacts, dict[int, PortSamples]]]:
-    """Yield the rows of each port of each station, from one pass over the samples for as many
-    stations as fit into memory.
-    """
-    for stations in at_once(run.manifest.stations, rows_due, MOST_ROWS):
-        found = _by_port(run, stations, steps)
-        for facts in stations:
-            yield facts, found.pop(facts.name)
-
-
-def _by_port(
-    run: Run, stations: Sequence[StationFacts], steps: tuple[Step, ...]
-) -> dict[str, dict[int, PortSamples]]:
-    t0_utc_us = run.manifest.t0_utc_us
-    grids = {facts.name: Grid(t0_utc_us, facts.period_s, steps) for facts in stations}
-    found = {
-        facts.name: {port: PortSamples(facts, grids[facts.name]) for port in facts.ports}
-        for facts in stations
-    }
-    by_name = {facts.name: facts for facts in stations}
-    ports = sum(len(facts.ports) for facts in run.manifest.stations)
-    every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
-    read = run.groups("samples", ["station", "port", "late_us", *every], coded=True)
-    for number, group in enumerate(gathered(read, ports), 1):
-        if not number % GROUPS_KEPT:
-            pa.default_memory_pool().release_unused()
-        for (name, port), rows in by_port(group):
-            if name not in found:
-                continue
-            if port not in found[name]:
-                found[name][port] = PortSamples(by_name[name], grids[name])
-            found[name][port].add(rows)
-    return found
+def samples_of(samples: SamplesByPort, facts: StationFacts, port: int, grid: Grid) -> PortSamples:
+    """Return the rows of a port."""
+    port_samples = PortSamples(facts, grid)
+    for rows in samples.rows((facts.name, port), ["late_us", *columns_of(facts)]):
+        port_samples.add(rows)
+    return port_samples
 
 
 class PortSamples:
     """The rows of a port: how many, how late, the last status, and their trace."""
 
     def __init__(self, facts: StationFacts, grid: Grid) -> None:
-        self._grid = grid
+        self.grid = grid
         self._of_states = has_only_states(facts)
         self._of_air = has_air(facts)
         self._columns = columns_of(facts)
@@ -291,7 +267,7 @@ class PortSamples:
         frame = pd.DataFrame(columns, copy=False)
         last = frame["status"].last_valid_index()
         self.last_status = self.last_status if last is None else str(frame["status"][last])
-        return trace(frame, self._grid, of_states=self._of_states, of_air=self._of_air)
+        return trace(frame, self.grid, of_states=self._of_states, of_air=self._of_air)
 
 
 def _narrow(rows: pa.Table) -> pa.Table:

@@ -70,10 +70,10 @@ def _of_manifest(manifest: Manifest) -> dict[str, Any]:
         "exit_status": manifest.exit_status,
         "exit_code": manifest.exit_code,
         "lost": None if manifest.lost is None else manifest.lost.text,
-        "started": manifest.started,
-        "ended": manifest.ended,
+        "start": manifest.start,
+        "stop": manifest.stop,
         "duration_s": _duration_s(manifest),
-        "clock_wrong": start_doubt(manifest.started, manifest.clock_steps or ()),
+        "clock_wrong": start_doubt(manifest.start, manifest.clock_steps or ()),
         "rate": _rate(manifest),
         "guard": manifest.guard,
         "line": {} if manifest.line is None else asdict(manifest.line),
@@ -135,7 +135,7 @@ def of_port(facts: StationFacts, port: int, rows: PortRows, *, cut_off: bool) ->
     how = end_state(facts, port, celsius, rows.status, cut_off)
     return {
         "port": port,
-        "tool": facts.tools.get(port),
+        "tool_name": facts.tool_names.get(port),
         "touched": port in facts.touched,
         "safe_state": facts.safe_state.get(port),
         "last_temperature_c": celsius,
@@ -190,10 +190,10 @@ def _data_sha256(manifest: Manifest) -> str:
 
 
 def _duration_s(manifest: Manifest) -> float | None:
-    if manifest.started is None or manifest.ended is None:
+    if manifest.start is None or manifest.stop is None:
         return None
     return (
-        datetime.fromisoformat(manifest.ended) - datetime.fromisoformat(manifest.started)
+        datetime.fromisoformat(manifest.stop) - datetime.fromisoformat(manifest.start)
     ).total_seconds()
 
 

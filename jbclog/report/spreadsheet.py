@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
+from jbclog.analysis.derived_schemas import METRICS_SCHEMA
 from jbclog.core.text import csv_text
 from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
@@ -21,20 +22,20 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
         "name",
         "station",
         "port",
-        "limit",
+        "limit_value",
         "observed",
         "bound_low",
         "bound_high",
-        "unit",
+        "uom",
         "n",
         "n_effective",
         "result",
         "text",
     ),
     "ports": (
-        *("station", "family", "model", "software", "port", "tool", "outcome", "left"),
+        *("station", "family", "model", "software", "port", "tool_name", "outcome", "left"),
         *("due", "readings", "coverage_percent", "longest_gap_s", "late_p99_ms"),
-        *("set_c", "alarm_high_c", "alarm_low_c", "least_c", "greatest_c"),
+        *("setpoint_c", "alarm_high_c", "alarm_low_c", "least_c", "greatest_c"),
         *(
             "idle_n",
             "idle_n_effective",
@@ -59,7 +60,7 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
         "station",
         "port",
         "counter",
-        "unit",
+        "uom",
         "first",
         "last",
         "difference",
@@ -69,10 +70,10 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
     "ledger": ("station", "port", "signal", "due", "ok"),
     "alarms": ALARMS,
     "joints": JOINTS,
-    "metrics": ("station", "port", "metric", "value", "unit", "n", "coverage", "resolution", "why"),
+    "metrics": tuple(METRICS_SCHEMA.names[1:]),
     "units": (
         "unit",
-        "joints",
+        "joints_found",
         "recovery_n",
         "recovery_p50_s",
         "recovery_slowest_s",

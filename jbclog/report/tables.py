@@ -16,19 +16,19 @@ from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import Severity, severity_of
 from jbclog.record.manifest import Ledger
-from jbclog.record.schema import SCHEMAS
+from jbclog.record.schema import RUN, SCHEMAS, SEQ
 from jbclog.report.facts import Omitted
 from jbclog.report.text import Row
 
 MOST_EVENTS = 1000
 MOST_SETTINGS = 12_000
 MOST_COUNTERS = 50_000  # 512 stations of four ports have some 20 000
-EVENT_COLUMNS = tuple(name for name in SCHEMAS["events"].names if name != "prev_sha256")
-OF_COUNTER = ("station", "port", "counter", "unit")
+EVENT_COLUMNS = tuple(name for name in SCHEMAS["events"].names if name not in (RUN, "prev_sha256"))
+OF_COUNTER = ("station", "port", "counter", "uom")
 COUNTER_COLUMNS = (*OF_COUNTER, "value", "raw")
 ALSO_NULL = pc.ScalarAggregateOptions(skip_nulls=False)
 ENDS = [(name, end, ALSO_NULL) for name in ("value", "raw") for end in ("first", "last")]
-SETTING_COLUMNS = tuple(SCHEMAS["settings"].names)
+SETTING_COLUMNS = tuple(name for name in SCHEMAS["settings"].names if name not in (RUN, SEQ))
 # a setting that is not as the recipe has it comes before these, also one that is not known here
 OF_NO_WEIGHT = {"confirmed": 1, "unchanged": 1, "read": 2}
 GRAVITY = {severity: place for place, severity in enumerate(reversed(Severity))}
@@ -82,7 +82,7 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return requested settings, and each reading that differs from the one before it; of more than
     `MOST_SETTINGS` those that the verdict goes by.
     """
-    columns = ("station", "port", "tool", "setting", "outcome", "readback")
+    columns = ("station", "port", "tool_name", "setting", "outcome", "readback")
     kept: list[int] = []
     last: dict[tuple[object, ...], object] = {}
     for number, (*place, outcome, readback) in enumerate(_cells(settings, columns)):

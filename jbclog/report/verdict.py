@@ -30,7 +30,7 @@ def summary(rules: Sequence[RowView]) -> list[dict[str, object]]:
         return []
     alike: dict[tuple[object, ...], list[RowView]] = {}
     for rule in rules:
-        alike.setdefault((rule["name"], rule["limit"], rule["unit"]), []).append(rule)
+        alike.setdefault((rule["name"], rule["limit_value"], rule["uom"]), []).append(rule)
     return [_line(these) for these in alike.values()]
 
 
@@ -50,8 +50,8 @@ def _line(rules: Sequence[RowView]) -> dict[str, object]:
     first = rules[0]
     return {
         "name": first["name"],
-        "limit": first["limit"],
-        "unit": first["unit"],
+        "limit_value": first["limit_value"],
+        "uom": first["uom"],
         "kept": results.count("pass"),
         "of": len(results),
         "worst": observed,

@@ -1,5 +1,5 @@
-"""Writes `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the
-folder of a run, each atomically.
+"""Writes `report.html`, `report.pdf`, `report.json`, figures, tables and the derived tables into
+the folder of a run, each atomically.
 
 The same run and versions give the same bytes: no creation time, no random names, everything sorted.
 """
@@ -18,7 +18,6 @@ from pathlib import Path
 import pyarrow as pa
 
 from jbclog.analysis.run import open_run
-from jbclog.analysis.verdict.idle import KEPT
 from jbclog.core.disk_space import write_failure
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
@@ -29,7 +28,7 @@ from jbclog.record.annotations import vouch
 from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts, FigureFacts
 from jbclog.report.gather import gather
-from jbclog.report.joints import JOINTS, joints_of
+from jbclog.report.joints import joints_of
 from jbclog.report.page import render
 from jbclog.report.paper import report_pdf
 from jbclog.report.spreadsheet import csv_tables
@@ -96,7 +95,6 @@ def _rarely_collected() -> Iterator[None]:
 
 @_memory_given_back()
 @_rarely_collected()
-@KEPT.while_in_use()
 def report_files(folder: Path) -> dict[str, bytes]:
     """Return file name -> content for every file of a report.
 
@@ -108,8 +106,9 @@ def report_files(folder: Path) -> dict[str, bytes]:
             f"{folder} is still open: it is being recorded, or a crash left it open; run `jbclog"
             " recover` to finish it"
         )
-    joints = joints_of(run)
-    facts = gather(run, joints)
+    alarms = run.alarm_findings()
+    joints = joints_of(run, alarms)
+    facts = gather(run, joints, alarms)
     document, figures = as_document(facts), figures_of(facts)
     drawn = {figure.file: (figure.wide, figure.narrow) for figure in figures}
     zooms = {figure.file: figure.zoom for figure in figures if figure.zoom is not None}
@@ -119,7 +118,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
         PAGE: render(document, drawn, zooms).encode(),
         PAPER: paper,
-        JOINTS: joints.parquet,
+        **joints.files,
         **{
             f"{TABLES}/{name}.csv": content
             for name, content in csv_tables(document, joints).items()

@@ -75,7 +75,7 @@ class _InPage:
     columns: Mapping[str, Readings]
     rows: NDArray[np.bool_]
     stretches: int
-    unit: float
+    step: float
     lanes: Mapping[str, Sequence[Span]]
     left: Mapping[str, int]
     settings: Sequence[tuple[Span, float]]
@@ -109,7 +109,7 @@ def _stream(trace: Trace, page: _InPage, words: _Words) -> list[Ints]:
         else coded(np.full(np.count_nonzero(kept), -1), [])
     )
     stream = _rows(
-        np.round((trace.seconds[kept] - trace.start) / page.unit),
+        np.round((trace.seconds[kept] - trace.start) / page.step),
         [values[kept] for values in columns.values()],
     )
     stream += [_runs(words.reasons(reasons, columns))]
@@ -126,7 +126,7 @@ def _header(trace: Trace, page: _InPage, words: _Words) -> dict[str, object]:
     return {
         "start": round(trace.grid.t0_utc_us / 1e6 + trace.start, 6),
         "seconds": round(trace.end - trace.start, 6),
-        "unit": page.unit,
+        "step": page.step,
         "period": round(trace.period_s, 6),
         "joined": round(JOINED_PERIODS * trace.period_s, 6),
         "columns": list(page.columns),

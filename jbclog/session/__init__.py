@@ -1,4 +1,4 @@
-"""Everything that jbclog does with one station, as generators without I/O: run, make safe, read,
+"""Everything that jbclog does with one station, as coroutines without I/O: run, make safe, read,
 write, discover.
 
 Start with `run/station_run.py`. `scheduler.py` decides which reading is due when.

@@ -11,15 +11,16 @@ from typing import Final
 from jbclog.config.recipe import Recipe
 from jbclog.config.schema import AUTO
 from jbclog.core.serial_line import LineFormat
+from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.scheduler import (
     AUTO_RATES_HZ,
     KEPT_FOR_REPEATS,
     Demand,
     ScheduledRead,
-    identity_readings,
-    readings_of,
-    watched_readings,
+    period_s,
+    read_wire_s,
 )
 
 AS_AUTO = AUTO
@@ -44,24 +45,49 @@ def readings_for(
     family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool
 ) -> list[ScheduledRead]:
     """List everything that a run, or `plan`, reads periodically on a station of `family` with
-    `ports`.
+    `ports`; station-wide signals once, in the first port's row.
     """
     sampling = recipe.sampling
-    signals = [(signal, family.commands[signal.command]) for signal in family.signals]
-    counters = [(counter, family.commands[counter.command]) for counter in family.counters]
-    watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
-    found = readings_of(
-        signals,
-        counters,
-        ports,
-        line,
-        addressed,
-        sampling.alarms_every_s,
-        sampling.counters_every_s,
-    )
-    identity = [family.commands[name] for name in IDENTITY_READS if name in family.commands]
-    found += identity_readings(identity, ports, line, addressed, sampling.counters_every_s)
-    return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
+    seldom_s = sampling.counters_every_s
+    readings: list[ScheduledRead] = []
+
+    def add(
+        name: str,
+        command: Command,
+        port: int,
+        every_s: float | None,
+        *,
+        columns: tuple[str, ...] = (),
+        counter: UsageCounter | None = None,
+        is_identity: bool = False,
+    ) -> None:
+        asks_port = None if command.scope is Scope.STATION else port
+        wire_s = read_wire_s(line, command, addressed)
+        readings.append(
+            ScheduledRead(
+                name, command, port, asks_port, wire_s, every_s, columns, counter, is_identity
+            )
+        )
+
+    for signal in family.signals:
+        command = family.commands[signal.command]
+        every_s = period_s(signal.interval, sampling.alarms_every_s, seldom_s)
+        for port in ports[:1] if command.scope is Scope.STATION else ports:
+            add(signal.name, command, port, every_s, columns=signal.columns)
+    for counter in family.counters:
+        command = family.commands[counter.command]
+        interval_s = period_s(counter.interval, sampling.alarms_every_s, seldom_s)
+        every_s = seldom_s if interval_s is None else min(interval_s, seldom_s)
+        for port in ports:
+            add(counter.name, command, port, every_s, counter=counter)
+    for name in IDENTITY_READS:
+        if name in family.commands:
+            add(name, family.commands[name], ports[0], seldom_s, is_identity=True)
+    for name in WATCHED_SETTINGS:
+        if name in family.commands:
+            for port in ports:
+                add(name, family.commands[name], port, seldom_s)
+    return readings
 
 
 @dataclass(frozen=True, slots=True)

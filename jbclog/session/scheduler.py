@@ -17,14 +17,14 @@ signals as an intermittent supply).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import count
 
 from jbclog.core.serial_line import ADDRESSES, FRAMING, LineFormat
 from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.signals import ReadInterval, Signal, UsageCounter
+from jbclog.protocol.commands.signals import ReadInterval, UsageCounter
 
 KEPT_FOR_REPEATS = 0.05
 KEPT_BY_AUTO = 0.2
@@ -345,83 +345,3 @@ class SlowReadings:
 def _urgency(slow: SlowRead) -> float:
     """Return its urgency: the smaller, the nearer to its ceiling."""
     return slow.due + slow.period_s
-
-
-def readings_of(
-    signals: Iterable[tuple[Signal, Command]],
-    counters: Iterable[tuple[UsageCounter, Command]],
-    ports: Sequence[int],
-    line: LineFormat,
-    addressed: bool,
-    alarms_every_s: float,
-    counters_every_s: float,
-) -> list[ScheduledRead]:
-    """List everything read periodically on one station; station-wide signals once, in the first
-    port's row.
-    """
-    found: list[ScheduledRead] = []
-    for signal, command in signals:
-        for port in ports if command.scope is Scope.PORT else ports[:1]:
-            asks = port if command.scope is Scope.PORT else None
-            interval = period_s(signal.interval, alarms_every_s, counters_every_s)
-            found.append(
-                ScheduledRead(
-                    signal.name,
-                    command,
-                    port,
-                    asks,
-                    read_wire_s(line, command, addressed),
-                    interval,
-                    signal.columns,
-                )
-            )
-    for counter, command in counters:
-        for port in ports:
-            wire, interval = (
-                read_wire_s(line, command, addressed),
-                period_s(counter.interval, alarms_every_s, counters_every_s),
-            )
-            every_s = counters_every_s if interval is None else min(interval, counters_every_s)
-            found.append(
-                ScheduledRead(counter.name, command, port, port, wire, every_s, (), counter)
-            )
-    return found
-
-
-def watched_readings(
-    commands: Iterable[Command],
-    ports: Sequence[int],
-    line: LineFormat,
-    addressed: bool,
-    every_s: float,
-) -> list[ScheduledRead]:
-    """List settings read periodically to detect changes; they fill no column."""
-    return [
-        ScheduledRead(
-            command.name, command, port, port, read_wire_s(line, command, addressed), every_s
-        )
-        for command in commands
-        for port in ports
-    ]
-
-
-def identity_readings(
-    commands: Iterable[Command],
-    ports: Sequence[int],
-    line: LineFormat,
-    addressed: bool,
-    every_s: float,
-) -> list[ScheduledRead]:
-    """List the reads of a station's identity, which detect another one and fill no column."""
-    return [
-        ScheduledRead(
-            command.name,
-            command,
-            ports[0],
-            None,
-            read_wire_s(line, command, addressed),
-            every_s,
-            is_identity=True,
-        )
-        for command in commands
-    ]

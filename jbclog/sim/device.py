@@ -8,20 +8,15 @@ was one (B-11). `quirks.py` has the alternatives.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from jbclog.core.quantities import OFF, OFF_ON_WIRE, Value
+from jbclog.core.quantities import OFF, OFF_ON_WIRE, AlarmDelay, Value
+from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
+from jbclog.sim.plant import Plant, TableRequest, questions
 from jbclog.sim.quirks import Quirks
-from jbclog.sim.soldering import (
-    WITHOUT_DATA,
-    Identity,
-    StationModel,
-    TableRequest,
-    questions,
-    well_formed,
-)
 
 
 class AcceptedWrite(NamedTuple):
@@ -65,6 +60,9 @@ class StationLog:
         return [write for write in self.writes if write.name == name]
 
 
+WITHOUT_DATA = ("start_feeding", "stop_feeding", "restart", "factory_reset", "ignore_fuse_error")
+"""Orders whose data no manual prints: accepted with 00000 and without any (B-37)."""
+
 WRONG_CHECK, WRONG_FORMAT, OUT_OF_RANGE, UNKNOWN_COMMAND, ROBOT_OFF = 1, 2, 3, 4, 5
 BOOT_S = 3.0
 
@@ -72,27 +70,59 @@ Answer = tuple[str, str]
 """Header and text of an answer."""
 
 
-class Device:
-    """One station: takes and returns headers and texts, without addresses and check bytes."""
+@dataclass(slots=True)
+class Identity:
+    model: str
+    software: str
+    address: int | None
+    robot_mode: bool = True
 
-    def __init__(
-        self, family: Family, face: StationModel, identity: Identity, quirks: Quirks | None = None
-    ) -> None:
-        self.family = family
-        self.quirks = quirks or Quirks()
+
+_NUMBER = re.compile(r"-?\d+", re.ASCII)
+_DELAY = re.compile(r"\d\d\.\d\d|99999", re.ASCII)
+
+
+def well_formed(command: Command, data: str) -> bool:
+    """Return True if `data` has the form of this command's data, whatever the value."""
+    form = _DELAY if isinstance(command.quantity, AlarmDelay) else _NUMBER
+    return len(data) == 5 and form.fullmatch(data) is not None
+
+
+class Device:
+    """A station's electronics in front of its plant, `face`. Each protocol has its own."""
+
+    def __init__(self, face: Plant) -> None:
         self.face = face
-        self.identity = identity
         self.log = StationLog()
         self._silent_until = float("-inf")
+
+    def hears(self, now: float) -> bool:
+        """Return True unless it is restarting and receives nothing."""
+        return now >= self._silent_until
+
+    def restart(self, now: float, silent_s: float = BOOT_S) -> None:
+        """Restart: volatile values are lost, and there is no answer for `silent_s`."""
+        self.face.restart(now)
+        self._silent_until = now + silent_s
+
+
+class RobotDevice(Device):
+    """A station with JBC's protocol: takes and returns headers and texts, without addresses and
+    check bytes.
+    """
+
+    def __init__(
+        self, family: Family, face: Plant, identity: Identity, quirks: Quirks | None = None
+    ) -> None:
+        super().__init__(face)
+        self.family = family
+        self.quirks = quirks or Quirks()
+        self.identity = identity
         self._questions = questions(family.name, tuple(face.ports))
 
     def asked(self, header: str, text: str) -> TableRequest | None:
         """Look up a request; None if the table does not have it."""
         return self._questions.get(header + (text if header == "R" else text[:3]))
-
-    def hears(self, now: float) -> bool:
-        """Return True unless it is restarting and receives nothing."""
-        return now >= self._silent_until
 
     def answer(self, header: str, text: str, now: float) -> Answer | None:
         """Answer a request with a correct check byte; None is silence."""
@@ -106,10 +136,9 @@ class Device:
         if asked is None:
             return self.refuse(text, self._why_unknown(header, text), now)
         answer = self._read(asked, now) if header == "R" else self._write(asked, text[3:], now)
-        return answer if answer[0] == "N" else self._final_answer(asked, text, answer[1])
-
-    def _final_answer(self, asked: TableRequest, question: str, text: str) -> Answer | None:
-        answer_text = self.quirks.say(asked, question, text)
+        if answer[0] == "N":
+            return answer
+        answer_text = self.quirks.say(asked, text, answer[1])
         return None if answer_text is None else ("A", answer_text)
 
     def refuse(self, text: str, code: int, now: float) -> Answer:
@@ -117,21 +146,22 @@ class Device:
         self.log.refused.append(RefusedRequest(now, text, code))
         return "N", self.quirks.refusal(f"{text[:3]}{code:05d}")
 
-    def restart(self, now: float, silent_s: float = BOOT_S) -> None:
-        """Restart: volatile values are lost, and there is no answer for `silent_s`."""
-        self.face.restart(now)
-        self._silent_until = now + silent_s
-
     def _why_unknown(self, header: str, text: str) -> int:
         read_with_data = header == "R" and "R" + text[:3] in self._questions
         return WRONG_FORMAT if read_with_data or header not in ("R", "W") else UNKNOWN_COMMAND
 
     def _read(self, asked: TableRequest, now: float) -> Answer:
-        value = self.face.value_of(asked, self.identity, now)
+        match asked.command.name:
+            case "model":
+                value: Value = self.identity.model
+            case "software_version":
+                value = self.identity.software
+            case _:
+                value = self.face.value_of(asked, now)
         self.log.reads += 1
-        return "A", asked.code + (
-            OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value)
-        )
+        if value is OFF:
+            return "A", asked.code + OFF_ON_WIRE
+        return "A", asked.code + asked.command.quantity.encode(value)
 
     def _write(self, asked: TableRequest, data: str, now: float) -> Answer:
         command = asked.command

@@ -6,14 +6,16 @@ Times count from `start`; nothing happens before. `FaultSpec` describes each kin
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from math import inf
 from random import Random
 from typing import Final, NamedTuple
 
-from jbclog.config.sim_spec import FaultSpec
+from jbclog.config.sim_spec import FaultSpec, SimSpec
+from jbclog.core.errors import UsageError
 from jbclog.sim.device import Device
-from jbclog.sim.soldering import TableRequest
+from jbclog.sim.plant import TableRequest
 
 ON_ANSWERS: Final = frozenset({"silence", "noise", "flip", "late", "nak"})
 OF_OMEGA: Final = frozenset({"solder_shortage", "clog", "not_ready", "out_of_range"})
@@ -126,6 +128,34 @@ def _meant(fault: FaultSpec, asked: TableRequest | None, header: str) -> bool:
         and fault.command in (None, asked.command.name)
         and fault.port in (None, asked.port)
     )
+
+
+@dataclass(frozen=True, slots=True)
+class KnownNames:
+    """What a station has that `[station.sim]` can name."""
+
+    counters: Collection[str]
+    quirks: Collection[str]
+    faults: Collection[str]
+    commands: Collection[str]
+    ports: Collection[int]
+
+    def reject_others(self, station: str, sim: SimSpec, owner: str) -> None:
+        """Raise `UsageError` for a name that `owner` does not have, because it would silently have
+        no effect.
+        """
+        wrong = [f"counters: {name}" for name in sim.counters if name not in self.counters]
+        wrong += [f"tools: {port}" for port in sim.tools if port not in self.ports]
+        wrong += [f"quirks: {name}" for name in sim.quirks if name not in self.quirks]
+        for fault in sim.fault:
+            if fault.kind not in self.faults:
+                wrong.append(f"fault {fault.kind}")
+            if fault.command and fault.command not in self.commands:
+                wrong.append(f"fault {fault.kind}: {fault.command}")
+            if fault.port and fault.port not in self.ports:
+                wrong.append(f"fault {fault.kind}: port {fault.port}")
+        if wrong:
+            raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: {owner} has none")
 
 
 def apply_fault(change: FaultChange, device: Device) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from math import exp, inf, log
-from random import Random
 from types import MappingProxyType
 
 from jbclog.config.sim_spec import FaultSpec
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.defaults import AIR_DEFAULTS
-from jbclog.sim.port import fresh
-from jbclog.sim.soldering import COUNTER_ROOM, Identity, TableRequest, set_value, setting
+from jbclog.sim.plant import COUNTER_ROOM, TableRequest, set_value, setting
+from jbclog.sim.port import HeatedPort, SensorTraits, fresh
 from jbclog.sim.tip import NEVER, JointSchedule, SimJoint
 
 # The heater is one heat capacity that gives its heat to the air stream; the tool's thermocouple
@@ -127,14 +126,11 @@ class AirLimits:
 
 
 @dataclass(slots=True)
-class AirTraits:
+class AirTraits(SensorTraits):
     """Constant properties of sensors and user."""
 
-    noise_c: float = 0.0
-    sensor_error_c: float = 0.0
     has_thermocouple: bool = True
     lifts_parts: bool = False  # suction after each joint
-    noise: Random = field(default_factory=lambda: Random(0))
 
 
 def _settings() -> AirSettings:
@@ -150,7 +146,7 @@ def _adjustments() -> dict[int, int]:
 
 
 @dataclass(slots=True)
-class AirStation:
+class AirStation(HeatedPort):
     """A hot air station with one port and tool number `tool`, from `now` (monotonic seconds) on."""
 
     now: float
@@ -166,11 +162,7 @@ class AirStation:
     is_on: bool = False
     is_cooling: bool = False
     has_suction: bool = False
-    error: int = 0
     station_error: int = 0
-    tool_before: int = NO_TOOL
-    runaway_by_c: float | None = None
-    stuck_c: int | None = None
     began: float = field(init=False)
     work_s: float = 0.0
     tool_cycles: int = 0
@@ -234,11 +226,9 @@ class AirStation:
         """Present share of the maximum air flow, 0 to 1."""
         if self.is_cooling:
             return 1.0
-        return (
-            self.settings.selected_air_flow / max(self.limits.maximum_air_flow, 1)
-            if self.is_on
-            else 0.0
-        )
+        if self.is_on:
+            return self.settings.selected_air_flow / max(self.limits.maximum_air_flow, 1)
+        return 0.0
 
     @property
     def status(self) -> StatusWord:
@@ -248,14 +238,10 @@ class AirStation:
         """Return the displayed air temperature in °C; 0 without a tool."""
         if self.stuck_c is not None:
             return self.stuck_c
-        noise = (
-            self.character.noise.gauss(0.0, self.character.noise_c)
-            if self.character.noise_c
-            else 0.0
-        )
-        return (
-            0 if self.tool == NO_TOOL else round(self.heater.temperature_c + self._offset_c + noise)
-        )
+        noise = self.character.noise_now()
+        if self.tool == NO_TOOL:
+            return 0
+        return round(self.heater.temperature_c + self._offset_c + noise)
 
     def external_temperature(self) -> int:
         """Return the thermocouple's temperature in °C; 0 without one: no manual prints the
@@ -270,9 +256,9 @@ class AirStation:
     def port_error(self) -> int:
         if self.tool == NO_TOOL:
             return NO_TOOL_ERROR
-        return (
-            self.error if self.error or self.character.has_thermocouple else NO_THERMOCOUPLE_ERROR
-        )
+        if self.error or self.character.has_thermocouple:
+            return self.error
+        return NO_THERMOCOUPLE_ERROR
 
     def count(self, name: str) -> int:
         """Return the counter with the command name `name`."""
@@ -320,11 +306,8 @@ class AirStation:
             self._end_work()
         else:
             target = self.target_c
-            self._work = (
-                self._next
-                if target is not None and self.heater.temperature_c > target - READY_C
-                else None
-            )
+            if target is not None and self.heater.temperature_c > target - READY_C:
+                self._work = self._next
             self._next = self.joints.after(self.now)
 
     def _end_work(self) -> None:
@@ -340,7 +323,7 @@ class AirStation:
 PORT = 1
 
 
-class AirModel:
+class AirPlant:
     """A hot air station as the device sees it."""
 
     def __init__(self, station: AirStation) -> None:
@@ -353,17 +336,16 @@ class AirModel:
     def advance_to(self, moment: float) -> None:
         self.station.advance_to(moment)
 
-    def value_of(self, asked: TableRequest, identity: Identity, now: float) -> Value:
+    def value_of(self, asked: TableRequest, now: float) -> Value:
         self.station.advance_to(now)
-        command, name = asked.command, asked.command.name
-        if name == "model":
-            return identity.model
-        if (reading := _READINGS.get(name)) is not None:
-            return reading(self.station)
+        command = asked.command
+        name = command.name
+        if name in _READINGS:
+            return _READINGS[name](self.station)
         if command.scope is Scope.TOOL:
             return self.station.adjust[asked.tool]
         if command.writable:
-            return setting(self._holder(command), name)
+            return setting(self._settings(command), name)
         return self.station.count(name) % COUNTER_ROOM
 
     def allowed(self, command: Command, value: Value) -> bool:
@@ -387,7 +369,7 @@ class AirModel:
             case "adjust":
                 station.adjust[asked.tool] = value if isinstance(value, int) else 0
             case _:
-                set_value(self._holder(command), command.name, value)
+                set_value(self._settings(command), command.name, value)
         station.changed()
 
     def restart(self, now: float) -> None:
@@ -398,18 +380,10 @@ class AirModel:
         """Do nothing: no setting is volatile."""
 
     def strike(self, fault: FaultSpec, port: int, *, begins: bool) -> None:
-        station = self.station
-        match fault.kind:
-            case "stuck":
-                station.stuck_c = station.air_temperature() if begins else None
-            case "overheat":
-                station.runaway_by_c = fault.by_c if begins else None
-                station.changed()
-            case "tool":
-                station.plug(fault.code if begins else station.tool_before)
+        self.station.strike(fault, self.station.air_temperature, begins=begins)
 
-    def _holder(self, command: Command) -> object:
-        """Return the object that holds a setting."""
+    def _settings(self, command: Command) -> object:
+        """Return the object that holds the setting."""
         return self.station.settings if command.scope is Scope.PORT else self.station.limits
 
     def _range(self, command: Command) -> tuple[float, float]:

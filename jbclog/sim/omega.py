@@ -1,4 +1,4 @@
-"""A virtual OMEGA: its process, and its answers.
+"""A virtual OMEGA: its plant, and its device.
 
 It answers after a random 0 to 250 ms, or after `turnaround_ms` if the line file sets it. A wrong
 sum, an unknown command, an unknown number and a value out of range get no answer (003, 11.2;
@@ -7,14 +7,15 @@ docs/reference/protocol.md). H is answered when the joint is completed, however 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from random import Random
-from typing import Final
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import FaultSpec, SimSpec
 from jbclog.core.errors import UsageError
-from jbclog.core.serial_line import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import (
     AT_TEMPERATURE,
@@ -30,12 +31,10 @@ from jbclog.protocol.commands.omega import (
     StoredRecord,
     is_condition,
 )
-from jbclog.protocol.omega import OmegaReader, encode
-from jbclog.sim.device import AcceptedWrite, FaultyAnswer, RefusedRequest, StationLog
-from jbclog.sim.faults import OF_OMEGA, FaultChange
-from jbclog.sim.soldering import TableRequest
+from jbclog.sim.device import AcceptedWrite, Device, RefusedRequest
+from jbclog.sim.faults import OF_OMEGA, ON_ANSWERS, KnownNames
+from jbclog.sim.plant import TableRequest
 from jbclog.sim.tip import JointSchedule
-from jbclog.sim.virtual import FaultyStation, LineTiming, Reply
 
 # Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its
 # temperature leaves the range in the later part of each joint and is back at its end; a condition
@@ -65,6 +64,13 @@ def usual(number: int) -> StoredRecord:
     )
 
 
+class Completion(NamedTuple):
+    """The message that ends a joint, and when it is sent."""
+
+    letter: str
+    at: float
+
+
 class OmegaPlant:
     """One controller and its machine. Times are monotonic seconds. `judges_optimum`: F says whether
     the temperature is optimal, which it is not from the beginning of a joint on.
@@ -85,15 +91,53 @@ class OmegaPlant:
         self._joint = joints.after(began)
         self._ready_at = began + WARM_UP_S
         self._run_from = self._run_to = began  # the joint that H began
+        self.completion = Completion("h", began)
+
+    @property
+    def ports(self) -> Collection[int]:
+        return (1,)
+
+    def advance_to(self, moment: float) -> None:
+        while self._joint.end <= moment:
+            self._joint = self._joints.after(self._joint.start)
+
+    def value_of(self, asked: TableRequest, now: float) -> Value:
+        match asked.command.name:
+            case "information":
+                return self.information()
+            case "temperature_control":
+                return self.control(now)
+            case "set_temperature_state":
+                return self.at_temperature(now)
+            case "mode":
+                return self.mode()
+        return self.condition(asked.condition)
+
+    def allowed(self, command: Command, value: Value) -> bool:
+        """Return True if every field of a record is in its range."""
+        if not isinstance(value, StoredRecord):
+            return True
+        return all(float(text) <= MOST_MM_S for _, unit, text in value.values() if unit == "mm/s")
+
+    def apply(self, asked: TableRequest, value: Value, now: float) -> None:
+        if isinstance(value, StoredRecord):
+            self.store(value)
+        elif isinstance(value, int):
+            self._run(value, now)
 
     def restart(self, now: float) -> None:
         """Switch off and on again."""
         self._ready_at = now + WARM_UP_S
         self._run_to = now
 
-    def advance_to(self, moment: float) -> None:
-        while self._joint.end <= moment:
-            self._joint = self._joints.after(self._joint.start)
+    def keep(self) -> None:
+        """Do nothing: no condition is volatile."""
+
+    def strike(self, fault: FaultSpec, port: int, *, begins: bool) -> None:
+        if begins:
+            self.faults.add(fault.kind)
+        else:
+            self.faults.discard(fault.kind)
 
     def information(self) -> str:
         return INFORMATION.names[("solder_shortage" in self.faults) + 2 * ("clog" in self.faults)]
@@ -117,22 +161,18 @@ class OmegaPlant:
     def _at_work(self) -> list[tuple[float, float]]:
         return [(self._joint.start, self._joint.end), (self._run_from, self._run_to)]
 
-    def takes(self, value: StoredRecord) -> bool:
-        """Return True if every field is in its range."""
-        return all(float(text) <= MOST_MM_S for _, unit, text in value.values() if unit == "mm/s")
-
     def store(self, value: StoredRecord) -> None:
         self.stored[value.condition] = value
 
-    def run(self, number: int, now: float) -> tuple[str, float]:
-        """Make the joint of this condition; return the completion message and its time."""
+    def _run(self, number: int, now: float) -> None:
+        """Make the joint of this condition."""
         condition = self.condition(number)
-        slides = condition.mode in SLIDES
         self._run_from = now
         self._run_to = now + seconds_of(condition)
-        return (
-            ("i", now + seconds_of(condition, first_stage=True)) if slides else ("h", self._run_to)
-        )
+        if condition.mode in SLIDES:
+            self.completion = Completion("i", now + seconds_of(condition, first_stage=True))
+        else:
+            self.completion = Completion("h", self._run_to)
 
 
 def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
@@ -156,151 +196,79 @@ IS_OPTIMAL: Final = "in_range_is_optimal"
 OMEGA_QUIRKS: Final = {IN_DEGREES: 51, IS_OPTIMAL: 55}
 """Quirks, with their rows of docs/reference/contradictions.md."""
 
-PHYSICS: Final = OF_OMEGA | {"restart"}
-KINDS: Final = PHYSICS | {"silence", "noise", "flip", "late", "nak", "dropout"}
+KINDS: Final = OF_OMEGA | {"restart", "dropout"} | ON_ANSWERS
 COMMANDS = FAMILIES["omega"].commands
 BY_LETTER = {command.letters: command for command in COMMANDS.values()}
 RECORD, NUMBER = StoredCondition(), ConditionNumber()
 SET_C = 350  # temperature of condition 399
 
 
-class VirtualOmega(FaultyStation):
-    """One controller, switched on at `now`. `log` is its log, `plant` its machine."""
+class OmegaAnswer(NamedTuple):
+    """The text of an answer, begun at `at`. An unsolicited one waits for no other."""
 
-    def __init__(self, spec: StationSpec, *, now: float) -> None:
-        sim = spec.sim or SimSpec()
-        _check_names(spec.name, sim)
-        super().__init__(spec, sim)
-        line = LineFormat(spec.baudrate, spec.format)
-        self.log = StationLog()
-        joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, self.seed, now)
-        self.plant = OmegaPlant(
-            now, joints, _stored(spec.name, sim), judges_optimum=IS_OPTIMAL in sim.quirks
-        )
-        self._random = Random(self.seed)
-        self._turnaround_s = (
-            sim.turnaround_ms / 1000 if "turnaround_ms" in sim.model_fields_set else None
-        )
-        self._character_s = line.character_s if sim.wire else 0.0
-        self._pace = LineTiming(self._character_s, 0.0)
-        self._reader = OmegaReader()
-        self._silent_until = float("-inf")
+    text: str
+    at: float
+    is_unsolicited: bool = False
 
-    def advance_to(self, moment: float) -> None:
-        """Simulate physics and faults without a request."""
-        for change in self.faults.changes(moment):
-            self._happen(change)
-        self.plant.advance_to(moment)
 
-    def receive(self, data: bytes, now: float) -> list[Reply]:
-        """Return the answers to bytes written at `now`, and later messages caused by them."""
-        if self.is_unplugged(now):
-            return []
-        heard = self._pace.heard(len(data), now)
-        return [
-            reply
-            for found in self._reader.feed(data)
-            if isinstance(found, str)
-            for reply in self._replies(found, heard)
-        ]
+class OmegaDevice(Device):
+    """An OMEGA's electronics: takes and returns texts, without addresses and sums."""
 
-    def _replies(self, text: str, heard: float) -> list[Reply]:
-        if self.faults.zero is None:
-            self.faults.start(heard)
-        self.advance_to(heard)
-        if heard < self._silent_until:
-            return []
+    def __init__(self, plant: OmegaPlant) -> None:
+        super().__init__(plant)
+        self.plant = plant
+
+    def asked(self, text: str) -> TableRequest | None:
+        """Look up a request; None if there is no such command."""
         command = BY_LETTER.get(text[0])
-        asked = TableRequest(command, text, 1) if command else None
-        struck = self.faults.strikes(asked, "W" if command and command.writable else "R", heard)
-        if any(fault.kind == "nak" for fault in struck):
-            return self._ignore(text, heard)
-        if text[0] == "H":
-            return self._run(text, struck, heard)
-        answer = self._answer(text, heard)
-        return self._ignore(text, heard) if answer is None else self._send(answer, struck, heard)
+        return TableRequest(command, text, 1) if command else None
 
-    def _answer(self, text: str, now: float) -> str | None:
-        """Answer a request with a correct sum; None is a refusal."""
-        letter, data = text[0], text[1:]
-        if letter == "C":
-            return self._condition(data)
-        if letter == "D":
-            return self._store(data, now)
-        command = BY_LETTER.get(letter)
-        if command is None or data:
+    def answer(self, asked: TableRequest | None, text: str, now: float) -> OmegaAnswer | None:
+        """Answer a request with a correct sum; None is a refusal, which is silent."""
+        if asked is None:
             return None
-        values = {
-            "A": self.plant.information,
-            "B": lambda: self.plant.control(now),
-            "F": lambda: self.plant.at_temperature(now),
-            "G": self.plant.mode,
-        }
+        data = text[1:]
+        match asked.command.name:
+            case "store_condition":
+                return self._store(asked, data, now)
+            case "run_condition":
+                return self._run(asked, data, now)
+            case "condition":
+                number = _number(data)
+                if number is None:
+                    return None
+                asked = replace(asked, condition=number)
+            case _ if data:
+                return None
+        value = self.plant.value_of(asked, now)
         self.log.reads += 1
-        return letter.lower() + command.quantity.encode(values[letter]())
+        return OmegaAnswer(text[0].lower() + asked.command.quantity.encode(value), now)
 
-    def _condition(self, data: str) -> str | None:
-        number = _number(data)
-        if number is None:
-            return None
-        self.log.reads += 1
-        return "c" + RECORD.encode(self.plant.condition(number))
+    def refuse(self, text: str, now: float) -> None:
+        """Ignore a request, as a controller does with one that it does not understand."""
+        self.log.refused.append(RefusedRequest(now, text, 0))
 
-    def _store(self, data: str, now: float) -> str | None:
+    def _store(self, asked: TableRequest, data: str, now: float) -> OmegaAnswer | None:
         try:
-            value = RECORD.decode(data)
+            record = RECORD.decode(data)
         except ValueError:
             return None
-        if not self.plant.takes(value):
+        if not self.plant.allowed(asked.command, record):
             return None
-        self.plant.store(value)
-        self.log.writes.append(AcceptedWrite(now, "store_condition", 0, 0, value))
-        return "d"
+        self._accept(asked, record, now)
+        return OmegaAnswer("d", now)
 
-    def _run(self, text: str, struck: list[FaultSpec], heard: float) -> list[Reply]:
-        number = _number(text[1:])
+    def _run(self, asked: TableRequest, data: str, now: float) -> OmegaAnswer | None:
+        number = _number(data)
         if number is None or not is_condition(number):
-            return self._ignore(text, heard)
-        self.log.writes.append(AcceptedWrite(heard, "run_condition", 0, 0, number))
-        letter, done = self.plant.run(number, heard)
-        return self._send(letter, struck, done, by_itself=True)
+            return None
+        self._accept(asked, number, now)
+        letter, done = self.plant.completion
+        return OmegaAnswer(letter, done, is_unsolicited=True)
 
-    def _ignore(self, text: str, now: float) -> list[Reply]:
-        self.log.refused.append(RefusedRequest(now, text, 0))
-        return []
-
-    def _send(
-        self, text: str, struck: list[FaultSpec], after: float, *, by_itself: bool = False
-    ) -> list[Reply]:
-        """Send an answer after applying its faults. An unsolicited message waits for no answer."""
-        clean = encode(text)
-        sent, late_s = self.faults.spoil(clean, struck)
-        self.log.struck.extend(FaultyAnswer(after, fault.kind, clean, sent) for fault in struck)
-        if not sent:
-            return []
-        if by_itself:
-            at = after + late_s + len(sent) * self._character_s
-        else:
-            at = self._pace.sent_at(len(sent), after + late_s + self._delay_s())
-        return [] if self.is_unplugged(at) else [Reply(at, sent)]
-
-    def _delay_s(self) -> float:
-        return (
-            self._random.uniform(0.0, SLOWEST_S)
-            if self._turnaround_s is None
-            else self._turnaround_s
-        )
-
-    def _happen(self, change: FaultChange) -> None:
-        kind = change.fault.kind
-        if kind == "restart":
-            if change.begins and change.fault.for_s is not None:
-                self._silent_until = change.at + change.fault.for_s
-                self.plant.restart(self._silent_until)
-        elif change.begins:
-            self.plant.faults.add(kind)
-        else:
-            self.plant.faults.discard(kind)
+    def _accept(self, asked: TableRequest, value: Value, now: float) -> None:
+        self.plant.apply(asked, value, now)
+        self.log.writes.append(AcceptedWrite(now, asked.command.name, 0, 0, value))
 
 
 def _number(data: str) -> int | None:
@@ -309,6 +277,16 @@ def _number(data: str) -> int | None:
         return 0 if data == "0000" else NUMBER.decode(data)
     except ValueError:
         return None
+
+
+def build_omega(spec: StationSpec, now: float, seed: int) -> OmegaDevice:
+    """Build a controller that is switched on at `now`."""
+    sim = spec.sim or SimSpec()
+    known = KnownNames((), OMEGA_QUIRKS, KINDS, COMMANDS, (1,))
+    known.reject_others(spec.name, sim, "an omega")
+    joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
+    stored = _stored(spec.name, sim)
+    return OmegaDevice(OmegaPlant(now, joints, stored, judges_optimum=IS_OPTIMAL in sim.quirks))
 
 
 def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
@@ -329,22 +307,3 @@ def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
             )
         found[value.condition] = value
     return found
-
-
-def _check_names(station: str, sim: SimSpec) -> None:
-    """Reject a name that does not exist, because it would silently have no effect."""
-    wrong = [f"counters: {name}" for name in sim.counters]
-    wrong += [f"quirks: {name}" for name in sim.quirks if name not in OMEGA_QUIRKS]
-    wrong += [f"fault {fault.kind}" for fault in sim.fault if fault.kind not in KINDS]
-    wrong += [
-        f"fault {fault.kind}: {fault.command}"
-        for fault in sim.fault
-        if fault.command and fault.command not in COMMANDS
-    ]
-    wrong += [
-        f"fault {fault.kind}: port {fault.port}"
-        for fault in sim.fault
-        if fault.port not in (None, 1)
-    ]
-    if wrong:
-        raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: an omega has none")

@@ -1,174 +1,103 @@
-"""The physics of a whole soldering station."""
+"""The interface between a virtual station's device and its plant.
+
+A plant is what there is without a link: heater, sensors, control, and the settings in force. A
+device (`device.py`, `omega.py`) speaks the protocol: it looks a request up in the family's command
+table, and asks its plant for the value or gives it the one written. `soldering.py`, `hotair.py` and
+`omega.py` have the plants.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from math import inf
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Protocol
 
-from jbclog.protocol.commands.defaults import FEEDER_DEFAULTS
-from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, SimPort, fresh
-from jbclog.sim.tip import WarmPart
-
-# The solder feeder pushes wire forward and then draws it back a little. In the modes continuous and
-# reload it feeds until it is stopped; in discontinuous and program one start feeds one length. The
-# counters count forward motion; no manual says whether drawing back is subtracted.
-
-UNTIL_STOPPED = ("continuous", "reload")
+from jbclog.config.sim_spec import FaultSpec
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
 
 
-@dataclass(slots=True)
-class FeederSettings:
-    """Settings in mm and mm/s."""
+class Plant(Protocol):
+    """The physics of one kind of station, for the device. Times are monotonic seconds; `port` is 0
+    for the station itself.
+    """
 
-    feeder_mode: str
-    feeder_length: float
-    feeder_speed: float
-    feeder_diameter: float
-    feeder_backward: float
-    clog_detection: str
-
-
-def fresh_feeder() -> FeederSettings:
-    """Return a virtual feeder's initial settings; no manual prints a real one's."""
-    return fresh(FeederSettings, FEEDER_DEFAULTS)
-
-
-@dataclass(slots=True)
-class Feeder:
-    """Motor and counters. A feed uses the `settings` at its start."""
-
-    settings: FeederSettings = field(default_factory=fresh_feeder)
-    fed_mm: float = 0.0
-    cycles: int = 0
-    _start: float = -inf
-    _forward_until: float = -inf
-    _stopped: float = -inf
-    _speed: float = 1.0
-
-    def start(self, now: float) -> None:
-        """Start feeding; no effect while running."""
-        if self.motor(now) != 0:
-            return
-        self._count()
-        self._start, self._speed = now, max(self.settings.feeder_speed, 0.1)
-        forward_s = (
-            inf
-            if self.settings.feeder_mode in UNTIL_STOPPED
-            else self.settings.feeder_length / self._speed
-        )
-        self._forward_until = now + forward_s
-        self._stopped = self._forward_until + self.settings.feeder_backward / self._speed
-
-    def stop(self, now: float) -> None:
-        self._forward_until = min(self._forward_until, now)
-        self._stopped = min(self._stopped, now)
-        self._count()
-
-    def motor(self, now: float) -> int:
-        """Return 0 off, 1 forward, 2 backward, as in the status word."""
-        if now < self._forward_until:
-            return 1
-        return 2 if now < self._stopped else 0
-
-    def dispensed_mm(self, now: float) -> float:
-        """Return the length pushed forward so far."""
-        if self._start == -inf:
-            return self.fed_mm
-        return self.fed_mm + (min(now, self._forward_until) - self._start) * self._speed
-
-    def dispensed_cycles(self, now: float) -> int:
-        """Return the number of finished feeds."""
-        return self.cycles + (self._start > -inf and self.motor(now) == 0)
-
-    def _count(self) -> None:
-        if self._start > -inf:
-            self.fed_mm = self.dispensed_mm(self._forward_until)
-            self.cycles += 1
-            self._start = -inf
-
-
-AMBIENT_C = 23.0
-
-
-@dataclass(slots=True)
-class StationSettings:
-    maximum_temperature: int
-    minimum_temperature: int
-
-
-@dataclass(slots=True)
-class Plant:
-    """A station since `began`. `start_counts` are its counters then, by command name."""
-
-    began: float
-    ports: dict[int, SimPort]
-    feeder: Feeder
-    factory: StationSettings
-    start_counts: Mapping[str, float] = field(default_factory=dict)
-    station_error: int = 0
-    settings: StationSettings = field(init=False)
-    transformer: WarmPart = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.transformer = WarmPart(900.0, 0.15, AMBIENT_C + 12, self.began)
-        self.settings = replace(self.factory)
+    @property
+    def ports(self) -> Collection[int]:
+        """The existing ports."""
 
     def advance_to(self, moment: float) -> None:
-        """Simulate all ports until `moment`."""
-        for port in self.ports.values():
-            port.advance_to(moment)
+        """Simulate until `moment`."""
 
-    def transformer_temperature(self, now: float) -> float:
-        """Return the temperature in °C, computed from the energy of all ports."""
-        self.advance_to(now)
-        return self.transformer.temperature_c(
-            now, sum(port.energy_j for port in self.ports.values())
-        )
+    def value_of(self, asked: TableRequest, now: float) -> Value:
+        """Return the value of an answer to `asked`; OFF is sent as 99999."""
 
-    def count(self, name: str, port: SimPort, now: float) -> float:
-        """Return the counter with the command name `name`: hours, cycles or mm."""
-        return self.start_counts.get(name, 0.0) + self._counted(name, port, now)
+    def allowed(self, command: Command, value: Value) -> bool:
+        """Return True if the station accepts this value of a well-formed write."""
 
-    def _counted(self, name: str, port: SimPort, now: float) -> float:
-        doing = port.doing
-        match name:
-            case "plugged_hours":
-                return (now - port.began) / 3600
-            case "no_tool_hours":
-                return port.no_tool_s / 3600
-            case "sleep_hours":
-                return doing.hours(now, SLEEP)
-            case "hibernation_hours":
-                return doing.hours(now, HIBERNATION)
-            case "work_hours":
-                return max(doing.hours(now, WORKING, STAND) - port.no_tool_s / 3600, 0.0)
-            case "sleep_cycles":
-                return doing.sleep_cycles
-            case "dispensed_cycles":
-                return self.feeder.dispensed_cycles(now)
-            case "dispensed_length":
-                return self.feeder.dispensed_mm(now)
-            case "desolder_cycles":
-                return 0.0
-        raise KeyError(name)
-
-    def store(self) -> None:
-        """Store the selected temperatures in the EEPROM."""
-        for port in self.ports.values():
-            port.stored_c = port.settings.selected_temperature
+    def apply(self, asked: TableRequest, value: Value, now: float) -> None:
+        """Apply an accepted write."""
 
     def restart(self, now: float) -> None:
         """Lose volatile values, as after a power cycle."""
-        self.advance_to(now)
-        self.feeder.stop(now)
-        for port in self.ports.values():
-            port.restart()
 
-    def factory_reset(self, now: float) -> None:
-        """Restore factory settings; keep counters."""
-        self.settings = replace(self.factory)
-        self.feeder.stop(now)
-        self.feeder.settings = fresh_feeder()
-        for port in self.ports.values():
-            port.factory_reset()
+    def keep(self) -> None:
+        """Store the present settings, so that a restart keeps them."""
+
+    def strike(self, fault: FaultSpec, port: int, *, begins: bool) -> None:
+        """Begin or end a fault of the physics on `port`."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableRequest:
+    """A request of the table; `port`, `tool` and `condition` (OMEGA) are 0 if it has none."""
+
+    command: Command
+    code: str
+    port: int = 0
+    tool: int = 0
+    condition: int = 0
+
+
+@cache
+def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, TableRequest]:
+    """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with `ports`."""
+    return MappingProxyType(dict(_all(FAMILIES[family], ports)))
+
+
+def _all(family: Family, ports: tuple[int, ...]) -> Iterator[tuple[str, TableRequest]]:
+    tools = [tool for tool in family.tools if tool]
+    for command in family.commands.values():
+        for asked in _places(command, ports, tools):
+            for header in command.access.upper():
+                yield header + asked.code, asked
+
+
+def _places(command: Command, ports: tuple[int, ...], tools: list[int]) -> Iterator[TableRequest]:
+    if command.scope is Scope.STATION:
+        yield TableRequest(command, command.code())
+        return
+    for port in ports:
+        if command.scope is Scope.PORT:
+            yield TableRequest(command, command.code(port), port)
+        else:
+            yield from (
+                TableRequest(command, command.code(port, tool), port, tool) for tool in tools
+            )
+
+
+COUNTER_ROOM = 100_000  # counters have five digits and roll over; no manual says so
+
+
+def setting(holder: object, name: str) -> Value:
+    """Return the setting `name`; the class has slots, so an unknown name raises."""
+    value: Value = getattr(holder, name)
+    return value
+
+
+def set_value(holder: object, name: str, value: Value) -> None:
+    """Set the setting `name`; the class has slots, so an unknown name raises."""
+    setattr(holder, name, value)

@@ -8,12 +8,14 @@ change of state. All classes have slots, so a misspelt attribute raises.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from math import inf
 from random import Random
 from typing import TypeVar
 
+from jbclog.config.sim_spec import FaultSpec
 from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS, Default, values_of
 from jbclog.sim.tip import LOAD_C, NEVER, Comparator, JointSchedule, SimJoint, Tip, WarmPart
@@ -113,13 +115,23 @@ class PortSettings:
 
 
 @dataclass(slots=True)
-class PortTraits:
-    """Constant properties of a port: sensor, extractor state and user."""
+class SensorTraits:
+    """Constant properties of a sensor."""
 
     noise_c: float = 0.0
     sensor_error_c: float = 0.0
-    extractor_cools: bool = True
     noise: Random = field(default_factory=lambda: Random(0))
+
+    def noise_now(self) -> float:
+        """Return the noise of one reading in kelvin."""
+        return self.noise.gauss(0.0, self.noise_c) if self.noise_c else 0.0
+
+
+@dataclass(slots=True)
+class PortTraits(SensorTraits):
+    """Constant properties of a port: sensor, extractor state and user."""
+
+    extractor_cools: bool = True
     on_joint: Callable[[float], None] | None = None
 
 
@@ -131,8 +143,39 @@ def _tool_settings() -> dict[int, ToolSettings]:
     return {tool: fresh(ToolSettings, SOLDERING_DEFAULTS) for tool in range(10)}
 
 
+@dataclass(slots=True, kw_only=True)
+class HeatedPort(ABC):
+    """What the ports of all stations with a heater share: errors, and the faults of the physics."""
+
+    error: int = 0
+    tool_before: int = NO_TOOL
+    runaway_by_c: float | None = None
+    stuck_c: int | None = None
+
+    @abstractmethod
+    def plug(self, tool: int) -> None:
+        """Replace the tool with a cold one of number `tool`; 0 removes it."""
+
+    @abstractmethod
+    def changed(self) -> None:
+        """Recompute after a change of setting, state or tool."""
+
+    def strike(self, fault: FaultSpec, reading: Callable[[], int], *, begins: bool) -> None:
+        """Begin or end a fault of the physics (``stuck``, ``overheat``, ``tool``). `reading` is the
+        displayed temperature.
+        """
+        match fault.kind:
+            case "stuck":
+                self.stuck_c = reading() if begins else None
+            case "overheat":
+                self.runaway_by_c = fault.by_c if begins else None
+                self.changed()
+            case "tool":
+                self.plug(fault.code if begins else self.tool_before)
+
+
 @dataclass(slots=True)
-class SimPort:
+class SimPort(HeatedPort):
     """A port from `now` (monotonic seconds) on, with tool number `tool`."""
 
     now: float
@@ -147,10 +190,6 @@ class SimPort:
     high: Comparator = field(default_factory=Comparator)
     low: Comparator = field(default_factory=Comparator)
     stored_c: int = field(init=False)  # the selected temperature in the EEPROM
-    error: int = 0
-    tool_before: int = NO_TOOL
-    runaway_by_c: float | None = None
-    stuck_c: int | None = None
     energy_j: float = 0.0
     no_tool_s: float = 0.0
     began: float = field(init=False)
@@ -215,7 +254,7 @@ class SimPort:
             return self.stuck_c
         if self.tool == NO_TOOL:
             return 0
-        return round(self.seen_c + self._noise_c())
+        return round(self.seen_c + self.character.noise_now())
 
     @property
     def seen_c(self) -> float:
@@ -283,22 +322,13 @@ class SimPort:
         """Return the reading to regulate to; None with the heater off."""
         if self.runaway_by_c is not None:
             limit = self.settings.alarm_high_limit
-            return (
-                self.settings.selected_temperature if isinstance(limit, Off) else limit
-            ) + self.runaway_by_c
+            if isinstance(limit, Off):
+                limit = self.settings.selected_temperature
+            return limit + self.runaway_by_c
         if self.doing.state == HIBERNATION or (
             self.doing.extractor and self.character.extractor_cools
         ):
             return None
-        return (
-            self.tools[self.tool].sleep_temperature
-            if self.doing.state == SLEEP
-            else self.settings.selected_temperature
-        )
-
-    def _noise_c(self) -> float:
-        return (
-            self.character.noise.gauss(0.0, self.character.noise_c)
-            if self.character.noise_c
-            else 0.0
-        )
+        if self.doing.state == SLEEP:
+            return self.tools[self.tool].sleep_temperature
+        return self.settings.selected_temperature

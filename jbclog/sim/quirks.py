@@ -15,8 +15,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from jbclog.core.quantities import OFF_ON_WIRE
+from jbclog.sim.plant import Plant, TableRequest
 from jbclog.sim.port import ToolSettings, ToolState
-from jbclog.sim.soldering import SolderingModel, StationModel, TableRequest
+from jbclog.sim.soldering import SolderingPlant
 from jbclog.sim.tip import Comparator
 
 WRONG_FORMAT, OUT_OF_RANGE = 2, 3
@@ -63,7 +64,7 @@ class Quirk:
     hear: Hear | None = None
     say: Say | None = None
     addresses: Callable[[Addresses, int | None, bool], Addresses] | None = None
-    begin: Callable[[StationModel], None] | None = None
+    begin: Callable[[Plant], None] | None = None
     bare_refusals: bool = False
     undefined: str | None = None
     refuses_others: bool = False
@@ -162,17 +163,17 @@ class _LatchedWhileBeyond(Comparator):
         return was
 
 
-def _delays_in_seconds(face: StationModel) -> None:
-    if isinstance(face, SolderingModel):
-        for port in face.plant.ports.values():
+def _delays_in_seconds(face: Plant) -> None:
+    if isinstance(face, SolderingPlant):
+        for port in face.station.ports.values():
             port.doing = _CountsSeconds(port.now)
             port.changed()
 
 
-def _flags_stay(face: StationModel) -> None:
+def _flags_stay(face: Plant) -> None:
     """Keep flags latched until the tool is exchanged, or the station restarts."""
-    if isinstance(face, SolderingModel):
-        for port in face.plant.ports.values():
+    if isinstance(face, SolderingPlant):
+        for port in face.station.ports.values():
             port.high, port.low = _LatchedWhileBeyond(), _LatchedWhileBeyond()
 
 
@@ -237,7 +238,7 @@ class Quirks:
         other = [quirk.undefined for quirk in self._quirks if quirk.undefined is not None]
         self._undefined = other[0] if other else UNDEFINED
 
-    def begin(self, face: StationModel) -> None:
+    def begin(self, face: Plant) -> None:
         for quirk in self._quirks:
             if quirk.begin is not None:
                 quirk.begin(face)

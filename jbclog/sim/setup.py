@@ -12,9 +12,8 @@ from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.sim.links import Link, PtyLink, TcpLink, Waiter
-from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.serve import ByteLog, Servable, Served, Server
-from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.virtual import VirtualOmega, VirtualStation
 
 
 def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | VirtualOmega:

@@ -10,171 +10,32 @@ pseudo-terminal or a TCP port; a test calls it directly::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import lru_cache
 from random import Random
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 from zlib import crc32
 
-from jbclog.config.line import AUTO, StationSpec
+from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import FaultSpec, SimSpec
-from jbclog.core.errors import UsageError
-from jbclog.core.quantities import OFF, Value
 from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.commands.command import Scope
-from jbclog.protocol.commands.family import FAMILIES, Family, family_of
-from jbclog.protocol.commands.hotair import AIR_STATUS
-from jbclog.protocol.commands.signals import DISPENSING_COUNTERS
 from jbclog.protocol.frame import CorruptFrame, Frame, FrameReader, check_byte
-from jbclog.sim.device import WRONG_CHECK, WRONG_FORMAT, Answer, Device, FaultyAnswer, StationLog
-from jbclog.sim.faults import OF_OMEGA, FaultSchedule, apply_fault
-from jbclog.sim.hotair import PORT as AIR_PORT
-from jbclog.sim.hotair import AirModel, AirStation, AirTraits, Heater
-from jbclog.sim.plant import Feeder, Plant, StationSettings
-from jbclog.sim.port import PortTraits, SimPort, fresh
-from jbclog.sim.quirks import QUIRKS, Quirks
-from jbclog.sim.soldering import Identity, SolderingModel, StationModel, TableRequest
-from jbclog.sim.tip import JointSchedule, Tip
-
-MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # model of a family; otherwise its name
-PORTS_IF_UNPRINTED = (1, 2)
-TIP_W, HOT_AIR_W = 130.0, 900.0
-
-
-def family_for(spec: StationSpec) -> Family:
-    """Return the family of a virtual station; ``auto`` is resolved by its model."""
-    name = spec.sim.family if spec.sim and spec.sim.family else spec.family
-    given = spec.sim.model if spec.sim else None
-    family = FAMILIES.get(name) if name != AUTO else family_of(given or "")
-    if family is None:
-        raise UsageError(
-            f"{spec.name}: there is no virtual station of family {spec.family}; [station.sim] model"
-            " can name one"
-        )
-    return family
-
-
-def build_device(spec: StationSpec, now: float, seed: int) -> Device:
-    """Build the device of a station that is switched on at `now`."""
-    sim = spec.sim or SimSpec()
-    family = family_for(spec)
-    model = sim.model or spec.model or MODELS.get(family.name, family.name.upper())
-    face = _face(sim, family, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
-    _check_names(spec.name, sim, family, face)
-    quirks = Quirks(sim.quirks)
-    quirks.begin(face)
-    device = Device(
-        family, face, Identity(model, sim.software, spec.address, sim.robot_mode), quirks
-    )
-    for name, value in sim.settings.items():
-        _set_initial(device, spec.name, name, value, now)
-    return device
-
-
-def _face(
-    sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int
-) -> StationModel:
-    if family.status is AIR_STATUS:
-        return AirModel(_air_station(sim, now, seed))
-    return SolderingModel(
-        family, _plant(sim, family, ports, model, now, seed), strict=sim.refuses_unprinted
-    )
-
-
-def _check_names(station: str, sim: SimSpec, family: Family, face: StationModel) -> None:
-    """Reject a counter, command or port that does not exist, because it would silently have no
-    effect.
-    """
-    counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(
-        family.commands
-    )
-    wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
-    wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
-    wrong += [f"quirks: {name}" for name in sim.quirks if name not in QUIRKS]
-    for fault in sim.fault:
-        wrong += [f"fault {fault.kind}"] if fault.kind in OF_OMEGA else []
-        wrong += (
-            [f"fault {fault.kind}: {fault.command}"]
-            if fault.command and fault.command not in family.commands
-            else []
-        )
-        wrong += (
-            [f"fault {fault.kind}: port {fault.port}"]
-            if fault.port and fault.port not in face.ports
-            else []
-        )
-    if wrong:
-        raise UsageError(
-            f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports"
-            f" {list(face.ports)} has none"
-        )
-
-
-def _plant(
-    sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int
-) -> Plant:
-    feeder = Feeder()
-    on_joint = feeder.start if sim.feed_each_joint else None
-    return Plant(
-        began=now,
-        ports={number: _port(sim, number, now, seed * 5 + number, on_joint) for number in ports},
-        feeder=feeder,
-        factory=fresh(StationSettings, family.defaults, model),
-        start_counts=sim.counters,
-    )
-
-
-def _air_station(sim: SimSpec, now: float, seed: int) -> AirStation:
-    character = AirTraits(
-        sim.noise_c, sim.sensor_error_c, sim.thermocouple, sim.suction_each_joint, Random(seed)
-    )
-    heater = Heater(sim.ambient_c, sim.rated_power_w or HOT_AIR_W)
-    joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
-    return AirStation(
-        now, sim.tools.get(AIR_PORT, sim.tool), heater, joints, character, sim.counters
-    )
-
-
-def _port(
-    sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None
-) -> SimPort:
-    character = PortTraits(
-        sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint
-    )
-    joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
-    return SimPort(
-        now,
-        sim.tools.get(number, sim.tool),
-        Tip(sim.ambient_c, sim.rated_power_w or TIP_W),
-        joints,
-        character,
-    )
-
-
-def _set_initial(
-    device: Device, station: str, name: str, given: int | float | str, now: float
-) -> None:
-    """Apply an initial setting on all ports and tools."""
-    command = device.family.commands.get(name)
-    value = _value(device, name, given)
-    if command is None or "rw" not in command.access or not device.face.allowed(command, value):
-        raise UsageError(
-            f"{station}: [station.sim] settings: {name} = {given} is nothing that a"
-            f" {device.family.name} can begin with"
-        )
-    ports = [0] if command.scope is Scope.STATION else list(device.face.ports)
-    tools = [tool for tool in device.family.tools if tool] if command.scope is Scope.TOOL else [0]
-    for port in ports:
-        for tool in tools:
-            device.face.apply(TableRequest(command, "", port, tool), value, now)
-    device.face.keep()
-
-
-def _value(device: Device, name: str, given: int | float | str) -> Value:
-    if name == "status" and isinstance(given, str):
-        return device.family.status.orders.get(given, given)
-    return OFF if given == "off" and name.endswith("_delay") else given
-
+from jbclog.protocol.omega import OmegaReader, encode
+from jbclog.sim.build import build_device
+from jbclog.sim.device import (
+    WRONG_CHECK,
+    WRONG_FORMAT,
+    Answer,
+    Device,
+    FaultyAnswer,
+    RobotDevice,
+    StationLog,
+)
+from jbclog.sim.faults import FaultSchedule, apply_fault
+from jbclog.sim.omega import SLOWEST_S, OmegaAnswer, OmegaDevice, OmegaPlant, build_omega
+from jbclog.sim.soldering import SolderingPlant
+from jbclog.sim.soldering_station import SolderingStation
 
 KNOWN_QUESTIONS = 512  # cached requests; the same ones recur
 MOVED: Answer = ("A", "SAD")  # acknowledgement of a change of address
@@ -210,13 +71,23 @@ class LineTiming:
         return self._sent_at
 
 
-class FaultyStation:
-    """The name, seed and faults of a virtual station."""
+D = TypeVar("D", bound=Device)
 
-    def __init__(self, spec: StationSpec, sim: SimSpec) -> None:
+
+class ServedStation(ABC, Generic[D]):
+    """What all virtual stations share: a name, a line, faults, and a device with its plant."""
+
+    def __init__(self, spec: StationSpec, sim: SimSpec, device: D, turnaround_s: float) -> None:
         self.name = spec.name
-        self.seed = crc32(spec.name.encode()) if sim.seed is None else sim.seed
-        self.faults = FaultSchedule(sim.fault, self.seed)
+        self.device = device
+        self.faults = FaultSchedule(sim.fault, seed_of(spec))
+        line = LineFormat(spec.baudrate, spec.format)
+        self._character_s = line.character_s if sim.wire else 0.0
+        self._pace = LineTiming(self._character_s, turnaround_s)
+
+    @property
+    def log(self) -> StationLog:
+        return self.device.log
 
     def is_unplugged(self, now: float) -> bool:
         """Return True if the cable is disconnected: there is no port."""
@@ -226,35 +97,6 @@ class FaultyStation:
         """Return when `is_unplugged` changes next, as far as known."""
         return self.faults.next_plugging(now)
 
-
-class VirtualStation(FaultyStation):
-    """One station, switched on at `now`. `log` is its log, `plant` the physics of a soldering
-    station.
-    """
-
-    def __init__(self, spec: StationSpec, *, now: float) -> None:
-        sim = spec.sim or SimSpec()
-        super().__init__(spec, sim)
-        line = LineFormat(spec.baudrate, spec.format)
-        self.device = build_device(spec, now, self.seed)
-        self._pace = LineTiming(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
-        self._faults_from = sim.faults_from
-        self._reader = FrameReader()
-        self._whole = True  # the reader holds no partial frame
-        self._known: dict[bytes, Frame] = {}
-
-    @property
-    def log(self) -> StationLog:
-        return self.device.log
-
-    @property
-    def plant(self) -> Plant:
-        """The physics of a soldering station. Raises `TypeError` on another."""
-        face = self.device.face
-        if not isinstance(face, SolderingModel):
-            raise TypeError(f"{self.name} is no soldering station")
-        return face.plant
-
     def advance_to(self, moment: float) -> None:
         """Simulate physics and faults without a request."""
         for change in self.faults.changes(moment):
@@ -262,10 +104,56 @@ class VirtualStation(FaultyStation):
         self.device.face.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
-        """Return the answers to bytes written to its port at `now`."""
+        """Return the answers to bytes written at `now`, and later messages caused by them."""
         if self.is_unplugged(now):
             return []
-        heard = self._pace.heard(len(data), now)
+        return self._answers(data, self._pace.heard(len(data), now))
+
+    @abstractmethod
+    def _answers(self, data: bytes, heard: float) -> list[Reply]:
+        """Return the replies to `data`, whose last byte the station has received at `heard`."""
+
+    def _spoil(
+        self, clean: bytes, struck: Sequence[FaultSpec], moment: float
+    ) -> tuple[bytes, float]:
+        """Apply faults to an answer; return what is sent (b"": nothing), and the delay in s."""
+        if not struck:
+            return clean, 0.0
+        sent, late_s = self.faults.spoil(clean, struck)
+        self.log.struck.extend(FaultyAnswer(moment, fault.kind, clean, sent) for fault in struck)
+        return sent, late_s
+
+
+def seed_of(spec: StationSpec) -> int:
+    """Return the seed of a station's random numbers: by its name, unless the line file has one."""
+    if spec.sim is None or spec.sim.seed is None:
+        return crc32(spec.name.encode())
+    return spec.sim.seed
+
+
+class VirtualStation(ServedStation[RobotDevice]):
+    """One station, switched on at `now`. `log` is its log, `plant` the physics of a soldering
+    station.
+    """
+
+    def __init__(self, spec: StationSpec, *, now: float) -> None:
+        sim = spec.sim or SimSpec()
+        device = build_device(spec, now, seed_of(spec))
+        super().__init__(spec, sim, device, sim.turnaround_ms / 1000)
+        self._faults_from = sim.faults_from
+        self._reader = FrameReader()
+        self._whole = True  # the reader holds no partial frame
+        self._known: dict[bytes, Frame] = {}
+
+    @property
+    def plant(self) -> SolderingStation:
+        """The physics of a soldering station. Raises `TypeError` on another."""
+        face = self.device.face
+        if not isinstance(face, SolderingPlant):
+            raise TypeError(f"{self.name} is no soldering station")
+        return face.station
+
+    def _answers(self, data: bytes, heard: float) -> list[Reply]:
         replies = (self._reply(found, heard) for found in self._frames(data))
         return [reply for reply in replies if reply is not None]
 
@@ -331,11 +219,8 @@ class VirtualStation(FaultyStation):
             return heard
         return next((write.at for write in self.log.written("status")), None)
 
-    def _send(self, clean: bytes, struck: list[FaultSpec], heard: float) -> Reply | None:
-        """Send an answer after applying its faults."""
-        sent, late_s = self.faults.spoil(clean, struck) if struck else (clean, 0.0)
-        if struck:
-            self.log.struck.extend(FaultyAnswer(heard, fault.kind, clean, sent) for fault in struck)
+    def _send(self, clean: bytes, struck: Sequence[FaultSpec], heard: float) -> Reply | None:
+        sent, late_s = self._spoil(clean, struck, heard)
         if not sent:
             return None
         at = self._pace.sent_at(len(sent), heard + late_s)
@@ -359,3 +244,59 @@ def _partial_frame(raw: bytes) -> Frame:
     if len(addresses) == 4 and addresses.isdigit():
         return Frame(text[4:5], text[5:], int(addresses[:2]), int(addresses[2:]))
     return Frame(text[:1], text[1:])
+
+
+class VirtualOmega(ServedStation[OmegaDevice]):
+    """One controller, switched on at `now`. `plant` is its machine."""
+
+    def __init__(self, spec: StationSpec, *, now: float) -> None:
+        sim = spec.sim or SimSpec()
+        super().__init__(spec, sim, build_omega(spec, now, seed_of(spec)), 0.0)
+        self._random = Random(seed_of(spec))
+        self._turnaround_s: float | None = None
+        if "turnaround_ms" in sim.model_fields_set:
+            self._turnaround_s = sim.turnaround_ms / 1000
+        self._reader = OmegaReader()
+
+    @property
+    def plant(self) -> OmegaPlant:
+        return self.device.plant
+
+    def _answers(self, data: bytes, heard: float) -> list[Reply]:
+        requests = [found for found in self._reader.feed(data) if isinstance(found, str)]
+        replies = [self._reply(text, heard) for text in requests]
+        return [reply for reply in replies if reply is not None]
+
+    def _reply(self, text: str, heard: float) -> Reply | None:
+        """Reply to one request; None is silence."""
+        if self.faults.zero is None:
+            self.faults.start(heard)
+        self.advance_to(heard)
+        if not self.device.hears(heard):
+            return None
+        asked = self.device.asked(text)
+        header = "W" if asked and asked.command.writable else "R"
+        struck = self.faults.strikes(asked, header, heard)
+        answer: OmegaAnswer | None = None
+        if not any(fault.kind == "nak" for fault in struck):
+            answer = self.device.answer(asked, text, heard)
+        if answer is None:
+            self.device.refuse(text, heard)
+            return None
+        return self._send(answer, struck)
+
+    def _send(self, answer: OmegaAnswer, struck: Sequence[FaultSpec]) -> Reply | None:
+        sent, late_s = self._spoil(encode(answer.text), struck, answer.at)
+        if not sent:
+            return None
+        after = answer.at + late_s
+        if answer.is_unsolicited:
+            at = after + len(sent) * self._character_s
+        else:
+            at = self._pace.sent_at(len(sent), after + self._delay_s())
+        return None if self.is_unplugged(at) else Reply(at, sent)
+
+    def _delay_s(self) -> float:
+        if self._turnaround_s is None:
+            return self._random.uniform(0.0, SLOWEST_S)
+        return self._turnaround_s

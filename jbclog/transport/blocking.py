@@ -5,7 +5,7 @@ read.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import LinkError
@@ -14,8 +14,8 @@ from jbclog.transport.port import REST_S, Budget, Port
 
 T = TypeVar("T")
 
-
 OpenPort = Callable[[], Port]
+NOT_OPEN: Final = "the port is not open"
 
 
 def run(
@@ -34,9 +34,7 @@ def run(
     try:
         while True:
             try:
-                request = (
-                    steps.throw(failure) if failure else steps.send(heard) if heard else next(steps)
-                )
+                request = steps.throw(failure) if failure is not None else steps.send(heard)
             except StopIteration as end:
                 result: T = end.value
                 return result
@@ -65,7 +63,7 @@ class _Driver:
             port = self._open()
             self._sent = self._now()
             port.write(request.data)
-            self._budget.asked()
+            self._budget.reads = 0
             return self._heard(self._read(port, self._sent + request.patience_s))
         if isinstance(request, Listen):
             return self._heard(self._read(self._open(), request.until))
@@ -103,7 +101,7 @@ class _Driver:
 
     def _open(self) -> Port:
         if self._port is None:
-            raise LinkError("the port is not open")
+            raise LinkError(NOT_OPEN)
         return self._port
 
     def _heard(self, data: bytes) -> IoResult:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
+import resource
 import select
 import socket
-import sys
-from collections.abc import Callable
-from queue import Queue
+import termios
 from typing import Final
 
 import serial
@@ -31,11 +31,11 @@ from jbclog.transport.port import (
     close_in_thread,
     link_lost,
 )
-from jbclog.transport.rfc2217 import ServerAnswers
+from jbclog.transport.rfc2217 import ServerAnswers, limit_queue, silence_reader
 from jbclog.transport.system_ports import holder_of, process_text
 
 PYSERIAL: Final = serial.__version__
-EACH_PORT = 1  # descriptors
+EACH_PORT = 1  # descriptors; an rfc2217 port has a second one, of its thread, from those beside
 # the record, the loop, the interpreter, and eight ports being opened with five descriptors each
 BESIDE = 160
 
@@ -44,10 +44,6 @@ def allow_ports(ports: int) -> None:
     """Raise this process's soft limit of open files for `ports` ports. Raises `UsageError` if the
     hard limit is too low.
     """
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return
     wanted = ports * EACH_PORT + BESIDE
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY or soft >= wanted:
@@ -65,15 +61,8 @@ def allow_ports(ports: int) -> None:
     )
 
 
-try:
-    import fcntl
-    import termios
-except ImportError:  # Windows, which opens every port exclusively
-    fcntl = termios = None  # type: ignore[assignment]  # checked below
-
 # bytes of a connection's receive buffer; beyond it the server has to wait
 HELD_BY_SYSTEM = 1 << 16
-MOST_WAITING = 4096  # buffered bytes of an rfc2217 port
 GREETING_S = 0.05  # a server that refuses says so at once
 WRITE_S = 1.0  # write time-out of ports that pyserial writes to
 PSEUDO_TERMINALS = "/dev/pts/"
@@ -135,8 +124,7 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat) -> None:
     opened.timeout = SLICE_S
     if not url.startswith("rfc2217:"):  # it has no write time-out
         opened.write_timeout = WRITE_S
-    if termios is not None:
-        opened.inter_byte_timeout = 0  # VMIN 1 distinguishes "no bytes" from "connection lost"
+    opened.inter_byte_timeout = 0  # VMIN 1 distinguishes "no bytes" from "connection lost"
     opened.exclusive = True
 
 
@@ -144,28 +132,13 @@ def _open(opened: serial.SerialBase, parity: str) -> None:
     """Open the port. A pseudo-terminal has no parity, and the C library reports an error if nothing
     else changes, so its parity is set afterwards.
     """
-    _silence_reader(opened)
+    silence_reader(opened)
     is_terminal = is_pseudo_terminal(str(opened.port))
     opened.parity = serial.PARITY_NONE if is_terminal else parity
     opened.open()  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
     if is_terminal:
         with contextlib.suppress(*BROKEN):
             opened.parity = parity  # a virtual station sees odd parity (`sim`)
-
-
-def _silence_reader(opened: serial.SerialBase) -> None:
-    """Silence the reader thread of pyserial's rfc2217, which prints a traceback when the server is
-    gone.
-    """
-    loop = getattr(opened, "_telnet_read_loop", None)  # in every pyserial release so far
-    if loop is None:
-        return
-
-    def read_on() -> None:
-        with contextlib.suppress(*BROKEN):
-            loop()
-
-    opened._telnet_read_loop = read_on  # type: ignore[attr-defined]  # pyserial looks it up on opening
 
 
 def is_pseudo_terminal(device: str) -> bool:
@@ -180,13 +153,15 @@ def _device(opened: serial.SerialBase | None, url: str) -> str:
 
 def _port(url: str, opened: serial.SerialBase) -> Port:
     connection = getattr(opened, "_socket", None)  # in every pyserial release so far
-    descriptor = _descriptor(url, opened)
+    descriptor = _descriptor(opened)
     if isinstance(connection, socket.socket):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, HELD_BY_SYSTEM)
         return _connected(url, opened, connection, descriptor)
-    return ObjectPort(url, opened) if descriptor is None else _device_port(url, opened, descriptor)
+    if descriptor is None:
+        return ObjectPort(url, opened)
+    return _device_port(url, opened, descriptor)
 
 
 def _connected(
@@ -196,7 +171,7 @@ def _connected(
     server closed first.
     """
 
-    remove_limit = _limit_queue(opened)
+    remove_limit = limit_queue(opened)
 
     def hang_up() -> None:
         with contextlib.suppress(OSError):
@@ -220,25 +195,6 @@ def _greeting(connection: socket.socket) -> bytes:
     return b""
 
 
-def _limit_queue(opened: serial.SerialBase) -> Callable[[], None]:
-    """Limit the receive queue of pyserial's rfc2217, which its thread fills without bound; return a
-    function that removes the limit on closing.
-
-    Otherwise the thread would wait forever on a full queue.
-    """
-    queue = getattr(opened, "_read_buffer", None)  # in every pyserial release so far
-    if not isinstance(queue, Queue):
-        return lambda: None
-    queue.maxsize = MOST_WAITING
-
-    def remove_limit() -> None:
-        with queue.mutex:
-            queue.maxsize = sys.maxsize
-            queue.not_full.notify_all()
-
-    return remove_limit
-
-
 def _device_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
     _keep_others_out(descriptor)
     with contextlib.suppress(*BROKEN):  # by default FTDI adapters delay an answer by 16 ms
@@ -252,15 +208,13 @@ def _device_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
         raise
 
 
-def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
-    """Return the descriptor to watch; None if there is none or pyserial buffers its bytes."""
-    if fcntl is None or url.startswith("spy:"):
-        return None
+def _descriptor(opened: serial.SerialBase) -> int | None:
+    """Return the descriptor to watch; None if there is none."""
     try:
-        found = opened.fileno()
+        descriptor: int = opened.fileno()
     except (OSError, AttributeError):  # io.UnsupportedOperation is an OSError
         return None
-    return found if isinstance(found, int) and found >= 0 else None
+    return descriptor
 
 
 def _keep_others_out(descriptor: int) -> None:
@@ -281,17 +235,15 @@ def _close_device(descriptor: int) -> None:
     os.close(descriptor)
 
 
-def _how_to_end(process: int | None) -> str:
-    return "" if process in (None, os.getpid()) else f" (`kill {process}`)"
-
-
 def _refused(url: str, device: str, error: BaseException) -> LinkError:
     number = _number(error) or _number(error.__context__)
     if number in LOCKED or "lock" in str(error):
         process = holder_of(device)
+        how = ""
+        if process not in (None, os.getpid()):
+            how = f" (`kill {process}`)"
         return PortBusy(
-            f"{url} is in use by {process_text(process)}; end that{_how_to_end(process)}, or take"
-            " another port",
+            f"{url} is in use by {process_text(process)}; end that{how}, or take another port",
             process,
         )
     if number in TOO_MANY:
@@ -318,5 +270,7 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
 
 def _number(error: BaseException | None) -> int | None:
     """Return the errno; termios has it only as its first argument."""
-    numbers = (getattr(error, "errno", None), *getattr(error, "args", ()))
-    return next((number for number in numbers if isinstance(number, int)), None)
+    for number in (getattr(error, "errno", None), *getattr(error, "args", ())):
+        if isinstance(number, int):
+            return number
+    return None

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import _thread
 import contextlib
+import fcntl
 import os
 import select
 import sys
+import termios
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final, Protocol
 
 import serial
@@ -32,20 +34,7 @@ SHOWN_GREETING: Final = 120  # characters
 LOST: Final = "connection lost (cable unplugged or server closed it)"
 CLOSED = -1  # replaces the descriptor of a closed port; the system refuses it
 
-try:
-    import fcntl
-    import termios
-
-    BROKEN: tuple[type[Exception], ...] = (
-        OSError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        termios.error,
-    )
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]  # checked below
-    BROKEN = (OSError, ValueError, TypeError, AttributeError)
+BROKEN: Final = (OSError, ValueError, TypeError, AttributeError, termios.error)
 """Errors that pyserial raises when a port is unplugged or closed; SerialException is an OSError."""
 
 
@@ -93,7 +82,7 @@ def close_in_thread(*steps: Callable[[], object]) -> None:
 
 def unread(descriptor: int | None) -> int:
     """Return the number of received, unread bytes; 0 if unknown."""
-    if descriptor is None or fcntl is None:
+    if descriptor is None:
         return 0
     try:
         return int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder)
@@ -102,13 +91,12 @@ def unread(descriptor: int | None) -> int:
 
 
 def link_lost(url: str, what: str, error: BaseException | None = None) -> LinkError:
-    """Return the error for a lost link."""
-    return LinkError(f"{url}: {what}" + (f" ({_reason(error)})" if error is not None else ""))
-
-
-def _reason(error: BaseException) -> str:
+    """Return the error for a lost link, with the system's reason."""
+    if error is None:
+        return LinkError(f"{url}: {what}")
     number = getattr(error, "errno", None)
-    return os.strerror(number) if isinstance(number, int) else str(error)
+    reason = os.strerror(number) if isinstance(number, int) else str(error)
+    return LinkError(f"{url}: {what} ({reason})")
 
 
 class DescriptorPort:
@@ -154,7 +142,9 @@ class DescriptorPort:
             watched.register(self._descriptor, select.POLLIN)
         except ValueError as error:
             raise link_lost(self.url, "the port is closed") from error
-        return self.read_now() if watched.poll(max(timeout_s, 0.0) * 1000) else b""
+        if not watched.poll(max(timeout_s, 0.0) * 1000):
+            return b""
+        return self.read_now()
 
     def close(self) -> None:
         if self._descriptor != CLOSED:
@@ -181,7 +171,7 @@ class SocketPort(DescriptorPort):
         self, url: str, descriptor: int, let_go: Callable[[], object], greeting: bytes = b""
     ) -> None:
         super().__init__(url, descriptor, let_go)
-        self._first = greeting
+        self._first = greeting  # what the server said first, as far as it can be a greeting
         self._has_read = False
 
     def read_now(self) -> bytes:
@@ -229,7 +219,7 @@ def greeting_text(data: bytes) -> str:
 
 
 class ObjectPort:
-    """A port that only pyserial can read: rfc2217, loop, spy, and every port on Windows.
+    """A port that only pyserial can read: rfc2217 and loop.
 
     pyserial waits in slices of `SLICE_S`, which limits the precision of time-outs. `hang_up` ends a
     connection that pyserial would close slowly.
@@ -248,55 +238,48 @@ class ObjectPort:
         return None
 
     def write(self, data: bytes) -> None:
-        opened = self._object()
-        try:
+        with self._object("cannot be written to") as opened:
             opened.write(data)
-        except BROKEN as error:
-            raise self._gone("cannot be written to", error) from error
 
     def read_now(self) -> bytes:
-        opened = self._object()
-        try:
-            return opened.read(min(waiting, MOST_AT_ONCE)) if (waiting := _waiting(opened)) else b""
-        except BROKEN as error:
-            raise self._gone("cannot be read", error) from error
+        with self._object("cannot be read") as opened:
+            waiting: int = opened.in_waiting  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
+            if not waiting:
+                return b""
+            return opened.read(min(waiting, MOST_AT_ONCE))
 
     def read(self, timeout_s: float) -> bytes:
         until = time.monotonic() + timeout_s
         while True:
-            first = self._first()
+            with self._object("cannot be read") as opened:
+                first = opened.read(1)
             if first:
                 return first + self.read_now()
             if time.monotonic() >= until:
                 return b""
 
     def close(self) -> None:
-        opened, self._opened = self._opened, None
-        if opened is not None:
-            close_in_thread(*filter(None, (self._hang_up, opened.close)))
+        opened = self._opened
+        self._opened = None
+        if opened is None:
+            return
+        if self._hang_up is None:
+            close_in_thread(opened.close)
+        else:
+            close_in_thread(self._hang_up, opened.close)
 
-    def _first(self) -> bytes:
-        opened = self._object()
-        try:
-            return opened.read(1)
-        except BROKEN as error:
-            raise self._gone("cannot be read", error) from error
-
-    def _object(self) -> serial.SerialBase:
+    @contextlib.contextmanager
+    def _object(self, what: str) -> Iterator[serial.SerialBase]:
+        """Give pyserial's object; raise its errors as `LinkError`, which says what failed."""
         if self._opened is None:
             raise link_lost(self.url, "the port is closed")
-        return self._opened
-
-    def _gone(self, what: str, error: Exception) -> LinkError:
-        # closed by another thread meanwhile, which pyserial reports as any error
-        if self._opened is None:
-            return link_lost(self.url, "the port is closed")
-        return link_lost(self.url, f"{what}; is it unplugged?", error)
-
-
-def _waiting(opened: serial.SerialBase) -> int:
-    waiting: int = opened.in_waiting  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
-    return waiting
+        try:
+            yield self._opened
+        except BROKEN as error:
+            # closed by another thread meanwhile, which pyserial reports as any error
+            if self._opened is None:
+                raise link_lost(self.url, "the port is closed") from error
+            raise link_lost(self.url, f"{what}; is it unplugged?", error) from error
 
 
 # Limits that prevent a flooded port from starving the others. An answer has about sixty bytes at
@@ -312,15 +295,9 @@ REST_S: Final = 0.05
 
 
 class Budget:
-    """Decides when to pause a port. `reads`: since the last request."""
-
-    __slots__ = ("reads",)
+    """Decides when to pause a port. `reads`: since the last request, which sets it to 0."""
 
     def __init__(self) -> None:
-        self.reads = 0
-
-    def asked(self) -> None:
-        """Reset for a new request, whose answer may arrive in pieces."""
         self.reads = 0
 
     def is_spent(self, size: int) -> bool:

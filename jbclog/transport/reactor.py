@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -19,8 +18,8 @@ from math import inf
 from jbclog.core import clock
 from jbclog.core.errors import cause, unexpected_error_text
 from jbclog.transport.blocking import OpenPort
-from jbclog.transport.event_loop import EpollLoop, EventLoop, LoopLag
-from jbclog.transport.session_runner import Session, SessionRunner
+from jbclog.transport.event_loop import EventLoop, LoopLag
+from jbclog.transport.session_runner import Session, SessionRunner, Shared
 from jbclog.transport.start_barrier import Barrier
 
 OPENERS = 8  # ports opened at the same time
@@ -28,15 +27,6 @@ OPENERS = 8  # ports opened at the same time
 ENDING_S = 5.0
 MOST_REPORTED = 10  # errors of periodic calls
 _log = logging.getLogger(__name__)
-
-
-def make_loop() -> EventLoop:
-    """Return the loop for this system."""
-    if sys.platform == "linux":
-        return EpollLoop()
-    from jbclog.transport.asyncio_loop import AsyncioLoop  # asyncio costs memory and start-up time
-
-    return AsyncioLoop()
 
 
 class Reactor:
@@ -48,19 +38,20 @@ class Reactor:
         """`allow_missing`: sessions that are ready start without the others. `report` gets the
         first of equal errors of periodic calls.
         """
-        self.now = clock.elapsed
-        self.loop = make_loop()
-        self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
+        self._now = clock.elapsed
+        self.loop = EventLoop()
+        self._lag = LoopLag(self.loop)
+        self._openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
+        self._barrier = Barrier(self._now, self.loop.call_at, allow_missing=allow_missing)
+        self._shared = Shared(self.loop, self._lag, self._openers, self._barrier, self._on_ended)
         self._runners: set[SessionRunner] = set()
-        self.loop_lag = LoopLag(self.loop)
         self._failure: Exception | None = None
         self._report = report
         self._reported: set[str] = set()
-        self.barrier = Barrier(self.now, self.loop.call_at, allow_missing=allow_missing)
 
     def add(self, session: Session, open_port: OpenPort, name: str = "") -> None:
         """Add a session; `open_port` is called in a thread for each `Reopen`."""
-        self._runners.add(SessionRunner(self, session, open_port, name))
+        self._runners.add(SessionRunner(self._shared, session, open_port, name))
 
     def every(self, seconds: float, call: Callable[[], None], what: str) -> None:
         """Call `call` periodically while sessions run, whatever it raises. It must return quickly.
@@ -91,7 +82,7 @@ class Reactor:
         """End every session, once: each makes its tools safe before it returns. Call it from the
         loop's thread.
         """
-        self.barrier.disband()
+        self._barrier.disband()
         for runner in list(self._runners):
             runner.end(why)
 
@@ -107,14 +98,14 @@ class Reactor:
             for runner in list(self._runners):
                 self.loop.call_soon(runner.start)
             if self._runners:
-                self.loop_lag.start()
+                self._lag.start()
                 self._run_loop()
             if self._failure is None:
                 at_end()
         finally:
             for runner in self._runners:  # sessions that have not ended
                 runner.let_go()
-            self.openers.shutdown()  # waits until the ports are closed, about a second at most
+            self._openers.shutdown()  # waits until the ports are closed, about a second at most
             self.loop.close()
         if self._failure is not None:
             raise self._failure
@@ -127,26 +118,23 @@ class Reactor:
         abandoned.
         """
         abandon_at = inf
-        while self._runners and self.now() < abandon_at:
+        while self._runners and self._now() < abandon_at:
             try:
                 if self._failure is not None and abandon_at == inf:
-                    abandon_at = self.now() + ENDING_S
+                    abandon_at = self._now() + ENDING_S
                     self.loop.call_at(abandon_at, self.loop.stop)
                     self.end("the program failed")
                 self.loop.run_forever()
             except Exception as error:
                 self._failure = self._failure or error
 
-    def failed(self, runner: SessionRunner, error: Exception) -> None:
-        """Note that a session raised an exception, which none may; end the others in order. A
-        runner calls it.
+    def _on_ended(self, runner: SessionRunner, error: Exception | None) -> None:
+        """Remove a session that has ended; stop after the last. If it raised an exception, which
+        none may, end the others in order.
         """
-        self._failure = self._failure or error
-        self.ended(runner)
-        self.loop.call_soon(self.end, f"a session broke: {cause(error)}")
-
-    def ended(self, runner: SessionRunner) -> None:
-        """Remove a session that has ended; stop after the last. A runner calls it."""
         self._runners.discard(runner)
+        if error is not None:
+            self._failure = self._failure or error
+            self.loop.call_soon(self.end, f"a session broke: {cause(error)}")
         if not self._runners:
             self.loop.stop()

@@ -1,4 +1,5 @@
-"""What an rfc2217 server answers to the line settings (RFC 2217, section 3).
+"""What pyserial lacks with an rfc2217 server: its answers to the line settings (RFC 2217, section
+3), a limit to what it may send, and silence when it is gone.
 
 pyserial compares each answer with what it asked and keeps neither: "remote rejected value for
 option 'baudrate'". `ServerAnswers` listens in, so that an error can show both.
@@ -6,12 +7,18 @@ option 'baudrate'". `ServerAnswers` listens in, so that an error can show both.
 
 from __future__ import annotations
 
+import contextlib
 import re
+import sys
 from collections.abc import Callable
+from queue import Queue
 from typing import Final
 
 import serial
 from jbclog.core.serial_line import LineFormat
+from jbclog.transport.port import BROKEN
+
+MOST_WAITING = 4096  # bytes that pyserial buffers
 
 # commands of the server: SET-BAUDRATE, -DATASIZE, -PARITY, -STOPSIZE, -CONTROL (RFC 2217, 3)
 SERVER_COMMANDS: Final = {
@@ -103,3 +110,37 @@ def _asked(name: str, line: LineFormat) -> str:
 def _shown(name: str, answer: int) -> str:
     tables = {"parity": PARITIES, "stopsize": STOP_BITS, "control": CONTROLS}
     return tables.get(name, {}).get(answer, str(answer))
+
+
+def silence_reader(opened: serial.SerialBase) -> None:
+    """Silence the reader thread of pyserial's rfc2217, which prints a traceback when the server is
+    gone.
+    """
+    loop = getattr(opened, "_telnet_read_loop", None)  # in every pyserial release so far
+    if loop is None:
+        return
+
+    def read_on() -> None:
+        with contextlib.suppress(*BROKEN):
+            loop()
+
+    opened._telnet_read_loop = read_on  # type: ignore[attr-defined]  # pyserial looks it up on opening
+
+
+def limit_queue(opened: serial.SerialBase) -> Callable[[], None]:
+    """Limit the receive queue of pyserial's rfc2217, which its thread fills without bound; return a
+    function that removes the limit on closing.
+
+    Otherwise the thread would wait forever on a full queue.
+    """
+    queue = getattr(opened, "_read_buffer", None)  # in every pyserial release so far
+    if not isinstance(queue, Queue):
+        return lambda: None
+    queue.maxsize = MOST_WAITING
+
+    def remove_limit() -> None:
+        with queue.mutex:
+            queue.maxsize = sys.maxsize
+            queue.not_full.notify_all()
+
+    return remove_limit

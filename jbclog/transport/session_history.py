@@ -24,6 +24,8 @@ from jbclog.core.io_requests import (
     RunEnded,
     Steps,
     Wait,
+    do,
+    wait,
 )
 from jbclog.transport.port import Port, unread
 
@@ -116,35 +118,29 @@ REQUEST_NAMES: dict[type[Request], RequestName] = {
     Gather: "gather",
 }
 RESULT_OF_ERROR: dict[type[Exception], ResultKind] = {
+    LinkError: "broke",
     RunEnded: "stopped",
     NotStarted: "not_started",
     LeftOut: "left_out",
 }
-ERROR_OF_RESULT: dict[ResultKind, type[RunEnded]] = {
-    "stopped": RunEnded,
-    "not_started": NotStarted,
-    "left_out": LeftOut,
-}
+ERROR_OF_RESULT = {result: error for error, result in RESULT_OF_ERROR.items()}
 ROUNDING_S = 1e-6  # tolerance between a result's time and its deadline
 
 KeepResult = Callable[[ResultRow], object]
 
 
-def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> Steps[T]:
+async def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> T:
     """Run `steps` and pass every result to `keep` before `steps` receives it."""
     last = 0.0
     try:
-        request = next(steps)
+        request = steps.send(None)
         while True:
             name = REQUEST_NAMES[type(request)]
             try:
-                heard = yield request
+                heard = await do(request)
             except (LinkError, RunEnded) as error:
-                keep(
-                    ResultRow(
-                        now(), RESULT_OF_ERROR.get(type(error), "broke"), name, text=str(error)
-                    )
-                )
+                kind = RESULT_OF_ERROR.get(type(error), "broke")
+                keep(ResultRow(now(), kind, name, text=str(error)))
                 request = steps.throw(error)
             else:
                 last = heard.now
@@ -166,30 +162,23 @@ class ReplayStep(NamedTuple):
     data: bytes
 
     def __str__(self) -> str:
-        return (
-            "the end"
-            if self.result.what == "done"
-            else f"{self.result.request} {self.asked!r}"
-            if self.asked
-            else self.result.request
-        )
+        if self.result.what == "done":
+            return "the end"
+        if self.asked:
+            return f"{self.result.request} {self.asked!r}"
+        return self.result.request
 
     def answers(self, request: Request) -> bool:
         """Return True if this can be the result of `request`."""
         result = self.result
+        is_told = result.what == "told"
         if result.what == "done" or REQUEST_NAMES[type(request)] != result.request:
             return False
-        if (
-            isinstance(request, Ask)
-            and self.asked != request.data
-            and (self.asked or result.what == "told")
-        ):
-            return False
-        return (
-            result.what != "told"
-            or bool(self.data)
-            or result.at_s >= self._deadline(request) - ROUNDING_S
-        )
+        if isinstance(request, Ask) and self.asked != request.data:
+            return not self.asked and not is_told  # it could not even be sent
+        if is_told and not self.data:
+            return result.at_s >= self._deadline(request) - ROUNDING_S
+        return True
 
     def _deadline(self, request: Request) -> float:
         """Return the moment before which a result without bytes is impossible."""
@@ -225,14 +214,12 @@ class Divergence(NamedTuple):
     step: ReplayStep | None
 
     def __str__(self) -> str:
-        wished = (
-            f"{REQUEST_NAMES[type(self.request)]} {self.request.data!r}"
-            if isinstance(self.request, Ask)
-            else REQUEST_NAMES[type(self.request)]
-        )
-        return (
-            f"it would {wished}; recorded is {'nothing more' if self.step is None else self.step}"
-        )
+        request: str = REQUEST_NAMES[type(self.request)]
+        if isinstance(self.request, Ask):
+            request = f"{request} {self.request.data!r}"
+        if self.step is None:
+            return f"it would {request}; recorded is nothing more"
+        return f"it would {request}; recorded is {self.step}"
 
     @property
     def is_cut_off(self) -> bool:
@@ -244,7 +231,7 @@ OnDivergence = Callable[[Divergence], object]
 """Called when a session departs from its capture, or its capture ends before it does."""
 
 
-def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) -> Steps[T | None]:
+async def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) -> T | None:
     """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps
     pace.
 
@@ -252,13 +239,14 @@ def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) ->
     session and returns None.
     """
     try:
-        request, now = next(steps), 0.0
+        now = 0.0
+        request = steps.send(None)
         for step in tape:
             if not step.answers(request):
                 left(Divergence(now, request, step))
                 return None
             now = step.result.at_s
-            yield Wait(now)
+            await wait(now)
             request = _send(steps, step)
     except StopIteration as end:
         result: T = end.value
@@ -269,8 +257,7 @@ def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) ->
 
 def _send(steps: Steps[T], step: ReplayStep) -> Request:
     result = step.result
-    if result.what == "broke":
-        return steps.throw(LinkError(result.text))
-    if result.what in ERROR_OF_RESULT:
-        return steps.throw(ERROR_OF_RESULT[result.what](result.text))
+    error = ERROR_OF_RESULT.get(result.what)
+    if error is not None:
+        return steps.throw(error(result.text))
     return steps.send(IoResult(result.at_s, step.data, result.sent_s, result.late_s))

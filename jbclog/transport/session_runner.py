@@ -1,416 +1,128 @@
-"""Run one session on its port for the reactor: perform its requests, return the results, recover
-from a lost port.
+"""Runs one session on its port, in the reactor's loop.
 
-Opening and closing a port can block, so both happen in the reactor's threads.
+1. The loop calls `_on_readable` when bytes are there and `_on_time` at the request's deadline.
+2. Either resumes the session with the result (`_answer`) and performs its next request (`_pull`)
+   before it returns. There is no other way from bytes to the next request.
+3. Bytes that arrive while the session does not listen are kept, about `MOST_KEPT` of them.
+4. Opening and closing a port can block, so both happen in a thread. The end of the run waits until
+   the port is open.
+5. A request that fails at once throws its error in the next turn of the loop, so that a session
+   cannot keep the others waiting.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
-from typing import TYPE_CHECKING
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
 
+from jbclog.core import clock
 from jbclog.core.errors import LinkError, cause
-from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
-from jbclog.transport.blocking import OpenPort
-from jbclog.transport.event_loop import Handle
-from jbclog.transport.port import MOST_AT_ONCE, MOST_KEPT, MOST_READS, REST_S, Budget, Port
-from jbclog.transport.port_thread import Pump
-
-if TYPE_CHECKING:
-    from jbclog.transport.reactor import Reactor
+from jbclog.core.io_requests import (
+    Ask,
+    Gather,
+    IoResult,
+    Listen,
+    Reopen,
+    Request,
+    RunEnded,
+    Steps,
+    Wait,
+)
+from jbclog.transport.blocking import NOT_OPEN, OpenPort
+from jbclog.transport.event_loop import EventLoop, Handle, LoopLag
+from jbclog.transport.port import CLOSED, MOST_KEPT, REST_S, Budget, Port
+from jbclog.transport.port_thread import with_descriptor
+from jbclog.transport.start_barrier import Barrier
 
 NEVER = float("inf")
-_new = tuple.__new__
 
 Session = Steps[object]
 
 
-def _read_nothing() -> bytes:
-    """Replaces the read of a port that is not open."""
-    return b""
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What the runners of a reactor share. `ended` is called once for each, with the exception of a
+    session that raised one.
+    """
 
-
-def _write_nothing(_data: bytes) -> None:
-    """Replaces the write of a port that is not open; never called."""
+    loop: EventLoop
+    lag: LoopLag
+    openers: Executor
+    barrier: Barrier
+    ended: Callable[[SessionRunner, Exception | None], None]
 
 
 class SessionRunner:
     """One session and its port."""
 
-    __slots__ = (
-        "_armed",
-        "_broken",
-        "_budget",
-        "_deadline",
-        "_ending",
-        "_failing",
-        "_fileno",
-        "_heard",
-        "_is_ended",
-        "_is_ending",
-        "_is_gathered",
-        "_is_started",
-        "_is_watched",
-        "_lag",
-        "_late_s",
-        "_listening",
-        "_loop",
-        "_member",
-        "_now",
-        "_open_port",
-        "_opening",
-        "_port",
-        "_pump",
-        "_reactor",
-        "_read",
-        "_rest",
-        "_ring",
-        "_send",
-        "_sent",
-        "_session",
-        "_throw",
-        "_unasked",
-        "_write",
-    )
-
-    def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort, name: str) -> None:
-        self._reactor = reactor
-        self._loop = reactor.loop
-        self._lag = reactor.loop_lag
-        self._now = reactor.now
+    def __init__(self, shared: Shared, session: Session, open_port: OpenPort, name: str) -> None:
+        self._shared = shared
+        self._loop = shared.loop
+        self._lag = shared.lag
+        self._now = clock.elapsed
         self._session = session
-        self._send, self._throw = session.send, session.throw
+        self._send = session.send
+        self._throw = session.throw
         self._open_port = open_port
-        self._port: Port | None = None
-        self._read: Callable[[], bytes] = _read_nothing  # the port's methods, bound once
-        self._write: Callable[[bytes], None] = _write_nothing
-        self._fileno: int | None = None
-        self._pump: Pump | None = None
-        self._broken: LinkError | None = None  # found between requests; raised at the next one
-        self._opening = False
-        self._listening = False
-        self._unasked = b""
-        self._budget = Budget()
-        self._is_watched = False  # the port is read as soon as bytes arrive
-        self._rest: Handle | None = None  # the end of a pause in reading
+        self._member = shared.barrier.join(name, self)
+        # the session
+        self._is_started = False
+        self._is_ending = False  # the run's end was thrown
+        self._is_ended = False
+        self._ending: RunEnded | None = None  # the run's end, kept while the port is being opened
+        # its request
         self._sent = 0.0
+        self._is_listening = False
+        self._is_gathered = False  # waits for the other sessions
+        self._is_opening = False
+        self._failure: LinkError | None = None  # of a request that failed at once
         self._deadline = NEVER
         self._armed = NEVER  # moment of the next valid alarm
-        self._ring = self.on_time  # bound once
-        self._failing: Handle | None = None  # a scheduled failure
-        # the run's end, deferred while the port is being opened
-        self._ending: RunEnded | None = None
-        self._heard = 0.0  # when bytes last arrived
         self._late_s = 0.0  # total lateness of the loop at the last result
-        self._is_gathered = False  # waits for the other sessions
-        self._member = reactor.barrier.join(name, self)
-        self._is_ending = False
-        self._is_started = False
-        self._is_ended = False
+        # its port
+        self._port: Port | None = None
+        self._descriptor = CLOSED
+        self._broken: LinkError | None = None  # found between requests; raised at the next one
+        self._is_watched = False  # the port is read as soon as bytes arrive
+        self._pause: Handle | None = None  # the end of a pause in reading
+        self._budget = Budget()
+        self._unasked = b""
+        self._heard_at = 0.0
+
+    # -- the session -------------------------------------------------------------------------------
 
     def start(self) -> None:
         if not self._is_started:
             self._is_started = True
-            self._resume(None)
+            self._pull(self._send, None)
 
     def end(self, why: str) -> None:
         """Throw the run's end into the session, once."""
-        self.start()  # a generator that has not started cannot catch an exception
+        self.start()  # a coroutine that has not started cannot catch an exception
         if self._is_ending or self._is_ended:
             return
         self._is_ending = True
-        self._end_with(RunEnded(why))
-
-    def _end_with(self, error: RunEnded) -> None:
-        if self._opening:
-            self._ending = error
-        else:
-            self._fail(error)
-
-    def heard_at(self) -> float:
-        """Return when bytes last arrived."""
-        return self._heard
-
-    def resume(self) -> None:
-        """Resume after `Gather`: the other sessions are ready."""
-        if self._is_gathered:
-            self._is_gathered = False
-            self._send_result(self._now(), self._take_unasked())
+        self._throw_end(RunEnded(why))
 
     def throw(self, error: RunEnded) -> None:
         """Throw `error`: the run does not start, or starts without this session."""
         if not (self._is_ended or self._is_ending):
-            self._end_with(error)
+            self._throw_end(error)
 
-    def _send_result(self, now: float, data: bytes) -> None:
-        before, self._late_s = self._late_s, self._lag.late_s(now)
-        self._resume(IoResult(now, data, self._sent, self._late_s - before))
+    def resume(self) -> None:
+        """Resume after `Gather`: the other sessions are ready."""
+        if self._is_gathered:
+            self._answer(self._now(), self._take_unasked())
 
-    def _resume(self, heard: IoResult | None) -> None:
-        try:
-            request = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
-        except StopIteration:
-            self._finish()
-        except Exception as broken:
-            self._finish(broken)
-        else:
-            self._do(request)
-
-    def _fail(self, error: Exception) -> None:
-        self._is_gathered = False
-        if self._failing is not None:
-            self._failing.cancel()
-            self._failing = None
-        try:
-            request = self._throw(error)
-        except StopIteration:
-            self._finish()
-        except Exception as broken:
-            self._finish(broken)
-        else:
-            self._do(request)
-
-    def _fail_soon(self, error: LinkError) -> None:
-        """Throw `error` from the loop, because direct recursion could become too deep."""
-        self._listening, self._deadline = False, NEVER
-        self._failing = self._loop.call_soon(self._fail, error)
-
-    def _do(self, request: Request) -> None:
-        kind = type(request)
-        if kind is Ask:
-            self._ask(request)  # type: ignore[arg-type]  # narrowed by `kind`
-        elif kind is Listen:
-            self._await(request.until, listening=True)  # type: ignore[union-attr]
-        elif kind is Wait:
-            self._await(request.until, listening=False)  # type: ignore[union-attr]
-        elif kind is Gather:
-            self._listening, self._deadline, self._is_gathered = False, NEVER, True
-            self._reactor.barrier.gather(self._member, request)  # type: ignore[arg-type]
-        else:
-            self._reopen()
-
-    def _ask(self, request: Ask) -> None:
-        try:
-            if self._port is None:
-                raise self._broken or LinkError("the port is not open")
-            # before writing: afterwards this thread may have to wait for the GIL
-            self._sent = sent = self._now()
-            self._write(request.data)
-        except LinkError as error:
-            self._drop_port()
-            self._fail_soon(error)
-            return
-        self._listening = True
-        self._budget.asked()
-        if not self._is_watched:
-            self._watch()
-        self._arm(sent + request.patience_s)
-
-    def _await(self, until: float, *, listening: bool) -> None:
-        if listening and self._port is None:
-            self._fail_soon(self._broken or LinkError("the port is not open"))
-            return
-        self._listening = listening
-        if listening and self._unasked:
-            until = 0.0
-        elif not self._is_watched:
-            self._watch()
-        self._arm(until)
-
-    def _arm(self, deadline: float) -> None:
-        """Wake at `deadline`. An earlier alarm stays, and sets the next one when it fires."""
-        self._deadline = deadline
-        if deadline < self._armed:
-            self._armed = deadline
-            self._loop.wake_at(deadline, self._ring)
-
-    def on_time(self, armed: float) -> None:
-        """Handle the alarm set for `armed`. Alarms are never cancelled."""
-        if armed != self._armed:
-            return  # superseded by an earlier one
-        self._armed = NEVER
-        now, deadline = self._now(), self._deadline
-        if now < deadline:
-            self._arm(deadline)
-            return
-        self._deadline = NEVER
-        self._listening = False
-        self._send_result(now, self._take_unasked())
-
-    def _on_readable(self) -> None:
-        """Read; if the session listens, resume it and send its next request, or keep listening if
-        it waits for the rest of an answer.
-
-        The usual exchange happens entirely in this one function, because it is what a recorder does
-        most; other methods handle anything else. Counts reads as `Budget.is_spent` does.
-        """
-        try:
-            data = self._read()
-        except LinkError as error:
-            self._on_broken(error)
-            return
-        budget = self._budget
-        if not self._listening or budget.reads >= MOST_READS or not 0 < len(data) < MOST_AT_ONCE:
-            self.on_bytes(data)
-            return
-        budget.reads += 1
-        self._heard = now = self._now()
-        self._listening, self._deadline = False, NEVER
-        lag, before = self._lag, self._late_s
-        self._late_s = late_s = lag.noted_s if now <= lag.noted_after_s else lag.late_s(now)
-        try:
-            # the same as `IoResult(...)`, at half its cost
-            request = self._send(_new(IoResult, (now, data, self._sent, late_s - before)))
-        except StopIteration:
-            self._finish()
-            return
-        except Exception as broken:
-            self._finish(broken)
-            return
-        if type(request) is Ask and self._is_watched:
-            asked, patience_s = request
-            self._sent = sent = self._now()  # as in `_ask`
-            try:
-                self._write(asked)
-            except LinkError as error:
-                self._drop_port()
-                self._fail_soon(error)
-                return
-            budget.reads = 0
-            deadline = sent + patience_s
-        elif type(request) is Listen and self._is_watched and not self._unasked:
-            deadline = request.until  # as in `_await`
-        else:
-            self._do(request)
-            return
-        self._listening = True
-        self._deadline = deadline
-        if deadline < self._armed:
-            self._arm(deadline)
-
-    def on_bytes(self, data: bytes) -> None:
-        """Pass bytes to the session if it listens, else keep them until it does."""
-        if not data:
-            return
-        self._heard = now = self._now()
-        if self._budget.is_spent(len(data)):
-            self._let_rest()
-        if self._listening:
-            self._listening = False
-            self._deadline = NEVER
-            self._send_result(now, data)
-        else:
-            self._unasked += data
-            if len(self._unasked) >= MOST_KEPT:
-                self._unwatch()
-
-    def _take_unasked(self) -> bytes:
-        unasked, self._unasked = self._unasked, b""
-        return unasked
-
-    def _let_rest(self) -> None:
-        """Pause reading: too many bytes arrive to be answers."""
-        self._unwatch()
-        if self._rest is None:
-            self._rest = self._loop.call_later(REST_S, self._rested)
-
-    def _rested(self) -> None:
-        self._rest = None
-        if self._listening or len(self._unasked) < MOST_KEPT:
-            self._watch()
-
-    def _watch(self) -> None:
-        """Read the port as soon as bytes arrive, unless reading is paused."""
-        if self._is_watched or self._rest is not None or self._port is None:
-            return
-        self._is_watched = True
-        if self._pump is not None:
-            self._pump.resume()
-        elif self._fileno is not None:
-            self._loop.add_reader(self._fileno, self._on_readable)
-
-    def _unwatch(self) -> None:
-        if not self._is_watched:
-            return
-        self._is_watched = False
-        if self._pump is not None:
-            self._pump.rest()
-        elif self._fileno is not None:
-            self._loop.remove_reader(self._fileno)
-
-    def _on_broken(self, error: LinkError) -> None:
-        self._drop_port()
-        self._broken = error
-        if self._listening:
-            self._listening = False
-            self._deadline = NEVER
-            self._fail(error)
-
-    def _reopen(self) -> None:
-        closing = self._drop_port()
-        self._deadline, self._listening, self._opening = NEVER, False, True
-        future = self._reactor.openers.submit(self._open_after, closing)
-        future.add_done_callback(
-            lambda done: self._loop.call_soon_threadsafe(self._on_opened, done)
-        )
-
-    def _open_after(self, closing: Future[None] | None) -> Port:
-        """Open the port once the old one is closed, which locks it. Runs in a thread."""
-        if closing is not None:
-            closing.result()
-        return self._open_port()
-
-    def _on_opened(self, done: Future[Port]) -> None:
-        self._opening = False
-        error = done.exception()
-        if error is None:
-            self._take_port(done.result())
-        ending, self._ending = self._ending, None
-        if ending is not None:
-            self._fail(ending)
-        elif isinstance(error, LinkError):
-            self._fail(error)
-        elif error is not None:
-            self._fail(LinkError(f"opening the port failed: {cause(error)}"))
-        else:
-            self._send_result(self._now(), b"")
-
-    def _take_port(self, port: Port) -> None:
-        self._port, self._broken, self._unasked = port, None, b""
-        self._read, self._write = port.read_now, port.write
-        self._fileno = port.fileno()
-        if self._fileno is None:
-            self._pump = Pump(self._loop, port, self.on_pumped)
-        self._watch()
-
-    def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
-        """Handle bytes or an error from a port's reading thread; ignore those of a port closed
-        meanwhile.
-        """
-        if pump is not self._pump:
-            return
-        if error is not None:
-            self._on_broken(error)
-        else:
-            self.on_bytes(data)
-
-    def _drop_port(self) -> Future[None] | None:
-        """Release the port and close it in a thread, because a driver may take long."""
-        port, self._port = self._port, None
-        self._unwatch()
-        self._read, self._write = _read_nothing, _write_nothing
-        if self._rest is not None:
-            self._rest.cancel()
-            self._rest = None
-        self._fileno = None
-        if self._pump is not None:
-            self._pump.stop()
-            self._pump = None
-        return None if port is None else self._reactor.openers.submit(port.close)
+    def heard_at(self) -> float:
+        """Return when bytes last arrived."""
+        return self._heard_at
 
     def let_go(self) -> None:
         """Release the port, whatever the session is doing."""
+        if not self._is_started:
+            self._session.close()  # a coroutine that is dropped before it has begun would warn
         port = self._port
         try:
             self._drop_port()
@@ -418,12 +130,211 @@ class SessionRunner:
             if port is not None:
                 port.close()
 
-    def _finish(self, broken: Exception | None = None) -> None:
+    def _throw_end(self, error: RunEnded) -> None:
+        if self._is_opening:
+            self._ending = error
+        else:
+            self._pull(self._throw, error)
+
+    def _answer(self, now: float, data: bytes) -> None:
+        """Resume the session with the result of its request."""
+        late_s = self._lag.late_s(now)
+        heard = IoResult(now, data, self._sent, late_s - self._late_s)
+        self._late_s = late_s
+        self._pull(self._send, heard)
+
+    def _pull(self, advance: Callable[..., Request], argument: object) -> None:
+        """Resume the session, by its `send` or its `throw`, and perform its next request."""
+        self._is_listening = False
+        self._is_gathered = False
+        self._failure = None
+        self._deadline = NEVER
+        try:
+            request = advance(argument)
+        except StopIteration:
+            self._finish(None)
+            return
+        except Exception as error:
+            self._finish(error)
+            return
+        if isinstance(request, Ask):
+            self._ask(request)
+        elif isinstance(request, Listen):
+            self._listen(request)
+        elif isinstance(request, Wait):
+            self._watch()
+            self._arm(request.until)
+        elif isinstance(request, Gather):
+            self._is_gathered = True
+            self._shared.barrier.gather(self._member, request)
+        elif isinstance(request, Reopen):
+            self._reopen()
+
+    def _finish(self, error: Exception | None) -> None:
         self._is_ended = True
         self._armed = NEVER
         self._drop_port()
-        self._reactor.barrier.ended(self._member)
-        if broken is None:
-            self._reactor.ended(self)
+        self._shared.barrier.ended(self._member)
+        self._shared.ended(self, error)
+
+    # -- its requests ------------------------------------------------------------------------------
+
+    def _ask(self, request: Ask) -> None:
+        port = self._port
+        if port is None:
+            self._fail_soon(self._broken or LinkError(NOT_OPEN))
+            return
+        data, patience_s = request
+        # before writing: afterwards this thread may have to wait for the GIL
+        sent = self._now()
+        self._sent = sent
+        try:
+            port.write(data)
+        except LinkError as error:
+            self._drop_port()
+            self._fail_soon(error)
+            return
+        self._is_listening = True
+        self._budget.reads = 0
+        if not self._is_watched:
+            self._watch()
+        self._arm(sent + patience_s)
+
+    def _listen(self, request: Listen) -> None:
+        if self._port is None:
+            self._fail_soon(self._broken or LinkError(NOT_OPEN))
+            return
+        self._is_listening = True
+        if self._unasked:
+            self._arm(0.0)
+            return
+        self._watch()
+        self._arm(request.until)
+
+    def _fail_soon(self, error: LinkError) -> None:
+        self._failure = error
+        self._arm(self._now())
+
+    def _arm(self, deadline: float) -> None:
+        """Wake at `deadline`. An earlier alarm stays, and sets the next one when it fires."""
+        self._deadline = deadline
+        if deadline < self._armed:
+            self._armed = deadline
+            self._loop.wake_at(deadline, self._on_time)
+
+    def _on_time(self, armed: float) -> None:
+        """Handle the alarm set for `armed`. Alarms are never cancelled."""
+        if armed != self._armed:
+            return  # superseded by an earlier one
+        self._armed = NEVER
+        now = self._now()
+        if self._failure is not None:
+            self._pull(self._throw, self._failure)
+        elif now < self._deadline:
+            self._arm(self._deadline)
         else:
-            self._reactor.failed(self, broken)
+            self._answer(now, self._take_unasked())
+
+    # -- bytes -------------------------------------------------------------------------------------
+
+    def _on_readable(self) -> None:
+        assert self._port is not None  # the loop watches no other
+        try:
+            data = self._port.read_now()
+        except LinkError as error:
+            self._drop_port()
+            self._broken = error
+            if self._is_listening:
+                self._pull(self._throw, error)
+            return
+        if not data:
+            return
+        now = self._now()
+        self._heard_at = now
+        if self._budget.is_spent(len(data)):
+            self._pause_reading()
+        if self._is_listening:
+            self._answer(now, data)
+            return
+        self._unasked += data
+        if len(self._unasked) >= MOST_KEPT:
+            self._unwatch()
+
+    def _take_unasked(self) -> bytes:
+        unasked = self._unasked
+        self._unasked = b""
+        return unasked
+
+    def _pause_reading(self) -> None:
+        """Pause reading: too many bytes arrive to be answers."""
+        self._unwatch()
+        if self._pause is None:
+            self._pause = self._loop.call_later(REST_S, self._end_pause)
+
+    def _end_pause(self) -> None:
+        self._pause = None
+        if self._is_listening or len(self._unasked) < MOST_KEPT:
+            self._watch()
+
+    def _watch(self) -> None:
+        """Read the port as soon as bytes arrive, unless reading is paused."""
+        if self._is_watched or self._pause is not None or self._port is None:
+            return
+        self._is_watched = True
+        self._loop.add_reader(self._descriptor, self._on_readable)
+
+    def _unwatch(self) -> None:
+        if self._is_watched:
+            self._is_watched = False
+            self._loop.remove_reader(self._descriptor)
+
+    # -- opening and closing -----------------------------------------------------------------------
+
+    def _reopen(self) -> None:
+        closing = self._drop_port()
+        self._is_opening = True
+        future = self._shared.openers.submit(self._open, closing)
+        future.add_done_callback(
+            lambda done: self._loop.call_soon_threadsafe(self._on_opened, done)
+        )
+
+    def _open(self, closing: Future[None] | None) -> Port:
+        """Open the port once the old one is closed, which locks it. Runs in a thread."""
+        if closing is not None:
+            closing.result()
+        return with_descriptor(self._open_port())
+
+    def _on_opened(self, done: Future[Port]) -> None:
+        self._is_opening = False
+        error = done.exception()
+        if error is None:
+            self._use(done.result())
+        elif not isinstance(error, LinkError):
+            error = LinkError(f"opening the port failed: {cause(error)}")
+        thrown = self._ending or error
+        self._ending = None
+        if thrown is None:
+            self._answer(self._now(), b"")
+        else:
+            self._pull(self._throw, thrown)
+
+    def _use(self, port: Port) -> None:
+        descriptor = port.fileno()
+        assert descriptor is not None  # `with_descriptor`
+        self._port = port
+        self._descriptor = descriptor
+        self._broken = None
+        self._unasked = b""
+        self._watch()
+
+    def _drop_port(self) -> Future[None] | None:
+        """Release the port and close it in a thread, because a driver may take long."""
+        self._unwatch()
+        if self._pause is not None:
+            self._pause.cancel()
+            self._pause = None
+        port = self._port
+        self._port = None
+        if port is None:
+            return None
+        return self._shared.openers.submit(port.close)

@@ -1,5 +1,5 @@
 """A barrier for the sessions of a run at its start: none begins a step before all have finished the
-previous one.
+previous member.
 
 A driver has one `Barrier`, with a `Member` for each session. It does no I/O and never resumes a
 session directly, but asks the driver to. The rules:
@@ -81,20 +81,22 @@ class Barrier:
         """Register that `member` has finished a step or failed at it; a failed one does not wait
         for the others.
         """
-        if self._is_over or request.failure:
-            self._soon(member.waiting.resume)
         if self._is_over:
+            self._soon(member.waiting.resume)
             return
         self._last_done = self._now()
         if request.failure:
-            member.is_out, member.failure = True, request.failure
+            self._soon(member.waiting.resume)
+            member.is_out = True
+            member.failure = request.failure
         else:
             member.is_waiting = True
         self._update()
 
     def ended(self, member: Member) -> None:
         """Register the end of a session: the others do not wait for it."""
-        member.is_out, member.is_waiting = True, False
+        member.is_out = True
+        member.is_waiting = False
         if not self._is_over:
             self._update()
 
@@ -104,11 +106,11 @@ class Barrier:
 
     @property
     def _coming(self) -> list[Member]:
-        return [one for one in self._members if not (one.is_waiting or one.is_out)]
+        return [member for member in self._members if not (member.is_waiting or member.is_out)]
 
     @property
     def _failed(self) -> list[Member]:
-        return [one for one in self._members if one.failure]
+        return [member for member in self._members if member.failure]
 
     def _update(self) -> None:
         coming = self._coming
@@ -120,29 +122,29 @@ class Barrier:
             self._pass()
 
     def _pass(self) -> None:
-        waiting = [one for one in self._members if one.is_waiting]
+        waiting = [member for member in self._members if member.is_waiting]
         self._step += 1
         self._is_over = self._step > START_STEPS
-        for one in waiting:
-            one.is_waiting = False
-            self._soon(one.waiting.resume)
+        for member in waiting:
+            member.is_waiting = False
+            self._soon(member.waiting.resume)
 
     def _call_off(self) -> None:
         self._is_over = True
-        names = ", ".join(one.name for one in self._failed)
-        for one in self._members:
-            if not one.is_out:
-                one.is_waiting = False
-                self._throw_soon(one, NotStarted(names))
+        names = ", ".join(member.name for member in self._failed)
+        for member in self._members:
+            if not member.is_out:
+                member.is_waiting = False
+                self._throw_soon(member, NotStarted(names))
 
     def _deadline(self) -> float | None:
         """Return the time by which pending sessions have been silent for too long; None if no
         session waits for them.
         """
         coming = self._coming
-        if not coming or not any(one.is_waiting or one.failure for one in self._members):
+        if not coming or not any(member.is_waiting or member.failure for member in self._members):
             return None
-        return max(self._last_done, *(one.waiting.heard_at() for one in coming)) + SILENT_S
+        return max(self._last_done, *(member.waiting.heard_at() for member in coming)) + SILENT_S
 
     def _arm(self) -> None:
         deadline = self._deadline()
@@ -158,13 +160,13 @@ class Barrier:
         if self._now() < deadline:
             self._arm()
             return
-        for one in self._coming:
-            one.is_out = True
-            one.failure = (
+        for member in self._coming:
+            member.is_out = True
+            member.failure = (
                 f"silent for {SILENT_S:g} s in step {self._step} of the start, while the others"
                 " waited"
             )
-            self._throw_soon(one, LeftOut(one.failure))
+            self._throw_soon(member, LeftOut(member.failure))
         self._update()
 
     def _soon(self, call: Callable[[], None]) -> None:

@@ -32,13 +32,11 @@ def usb_ports(by_id: Path = BY_ID) -> list[UsbPort]:
     """List the USB serial ports by device."""
     from serial.tools import list_ports  # a run and its guard do not load this
 
-    found = sorted(
-        (port for port in list_ports.comports() if port.vid is not None),
-        key=lambda port: port.device,
-    )
+    ports = [port for port in list_ports.comports() if port.vid is not None]
+    ports.sort(key=lambda port: port.device)
     return [
         UsbPort(port.device, lasting_name(port.device, by_id), port.description or "")
-        for port in found
+        for port in ports
     ]
 
 
@@ -46,26 +44,18 @@ def lasting_name(device: str, by_id: Path = BY_ID) -> str:
     """Return the persistent name of `device`, by the adapter's serial number; `device` if there is
     none.
     """
-    return next((str(link) for link in _links(by_id) if _same(link, Path(device))), device)
-
-
-def _links(folder: Path) -> Iterator[Path]:
     with contextlib.suppress(OSError):
-        yield from sorted(folder.iterdir())
-
-
-def _same(link: Path, device: Path) -> bool:
-    try:
-        return os.path.realpath(link) == os.path.realpath(device)
-    except OSError:
-        return False
+        for link in sorted(by_id.iterdir()):
+            if os.path.realpath(link) == os.path.realpath(device):
+                return str(link)
+    return device
 
 
 def latency_timer(device: str, timers: Path = TIMERS) -> Path | None:
     """Return the file of the adapter's latency timer in milliseconds; None if there is none."""
-    with contextlib.suppress(OSError):
-        timer = timers / Path(os.path.realpath(device)).name / "latency_timer"
-        return timer if timer.is_file() else None
+    timer = timers / Path(os.path.realpath(device)).name / "latency_timer"
+    if timer.is_file():
+        return timer
     return None
 
 
@@ -77,21 +67,28 @@ MAJORS_OF_PSEUDO_TERMINALS: Final = range(136, 144)
 
 def holder_of(device: str) -> int | None:
     """Return the id of the process that has locked `device`, or else opened it; None if unknown."""
-    try:
-        wanted = Path(device).stat()
-    except (OSError, ValueError):
-        return None
-    return _locker(wanted) or next(_openers(wanted), None)
+    process = locker_of(device)
+    if process is not None:
+        return process
+    return next(_openers(device), None)
 
 
 def locker_of(device: str) -> int | None:
     """Return the id of the process that has locked `device`; None if there is none or it is
     unknown.
+
+    A line of /proc/locks ends in ``PID MAJOR:MINOR:INODE FIRST LAST``.
     """
-    try:
-        return _locker(Path(device).stat())
-    except (OSError, ValueError):
-        return None
+    with contextlib.suppress(OSError, ValueError):
+        node = Path(device).stat()
+        name = f"{os.major(node.st_dev):02x}:{os.minor(node.st_dev):02x}:{node.st_ino}"
+        for line in Path("/proc/locks").read_text().splitlines():
+            words = line.split()
+            if name in words:
+                process = int(words[words.index(name) - 1])
+                if process > 0:
+                    return process
+    return None
 
 
 def sharers_of(device: str) -> list[int]:
@@ -100,47 +97,40 @@ def sharers_of(device: str) -> list[int]:
 
     Excludes the program behind a pseudo-terminal, even if it holds both ends.
     """
-    try:
-        wanted = Path(device).stat()
-    except (OSError, ValueError):
-        return []
-    number = _number_of_terminal(device)
-    return [
-        process for process in _openers(wanted) if number is None or not _is_behind(process, number)
-    ]
+    return [process for process in _openers(device) if not is_behind(device, process)]
 
 
 def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
     """Return the (device, process) pairs of other processes that have one of `devices` open, in one
     pass over /proc.
     """
-    wanted: dict[tuple[int, int], str] = {}
+    nodes: dict[tuple[int, int], str] = {}
     for device in devices:
         with contextlib.suppress(OSError, ValueError):
-            found = Path(device).stat()
-            wanted[found.st_rdev, found.st_ino] = device
-    others = [process for process in processes() if process != os.getpid()] if wanted else []
-    return {
-        (wanted[number], process)
-        for process in others
-        for number in _open_in(process)
-        if number in wanted
-    }
+            node = Path(device).stat()
+            nodes[node.st_rdev, node.st_ino] = device
+    openers = set[tuple[str, int]]()
+    if not nodes:
+        return openers
+    for process in _other_processes():
+        for opened in _open_files(process):
+            shared = nodes.get((opened.st_rdev, opened.st_ino))
+            if shared is not None:
+                openers.add((shared, process))
+    return openers
 
 
 def is_behind(device: str, process: int) -> bool:
-    """Return True if `device` is a pseudo-terminal and `process` the program behind it."""
-    number = _number_of_terminal(device)
-    return number is not None and _is_behind(process, number)
-
-
-def _open_in(process: int) -> Iterator[tuple[int, int]]:
-    """Yield device number and inode of everything that a process has open."""
-    with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
-        for descriptor in descriptors:
+    """Return True if `device` is a pseudo-terminal and `process` holds its other end."""
+    folder, number = os.path.split(os.path.realpath(device))
+    if folder != PSEUDO_TERMINALS or not number.isdigit():
+        return False
+    with contextlib.suppress(OSError):
+        for description in Path(f"/proc/{process}/fdinfo").iterdir():
             with contextlib.suppress(OSError):
-                found = descriptor.stat()
-                yield found.st_rdev, found.st_ino
+                if f"tty-index:\t{number}\n" in description.read_text():
+                    return True
+    return False
 
 
 def sharers_text(url: str) -> str:
@@ -156,12 +146,12 @@ def sharers_text(url: str) -> str:
 
 def processes_named(name: str) -> list[int]:
     """Return the processes with this command name (at most 15 characters, /proc/PID/comm)."""
-    found = []
+    named = []
     for process in processes():
         with contextlib.suppress(OSError):
             if Path(f"/proc/{process}/comm").read_text().strip() == name:
-                found.append(process)
-    return found
+                named.append(process)
+    return named
 
 
 def processes_text(processes: Iterable[int]) -> str:
@@ -205,49 +195,27 @@ def script_name(words: Sequence[str]) -> str | None:
     return None
 
 
-def _locker(wanted: os.stat_result) -> int | None:
-    """Find the process with a lock; a line of /proc/locks ends in ``PID MAJOR:MINOR:INODE FIRST
-    LAST``.
-    """
-    place = f"{os.major(wanted.st_dev):02x}:{os.minor(wanted.st_dev):02x}:{wanted.st_ino}"
-    with contextlib.suppress(OSError, ValueError):
-        for line in Path("/proc/locks").read_text().splitlines():
-            words = line.split()
-            if place in words and (process := int(words[words.index(place) - 1])) > 0:
-                return process
-    return None
+def _other_processes() -> Iterator[int]:
+    return (process for process in processes() if process != os.getpid())
 
 
-def _openers(wanted: os.stat_result) -> Iterator[int]:
+def _openers(device: str) -> Iterator[int]:
     """Yield other processes that have it open: the same user's, or all for root."""
-    return (
-        process for process in processes() if process != os.getpid() and _has_open(process, wanted)
-    )
+    try:
+        node = Path(device).stat()
+    except (OSError, ValueError):
+        return
+    for process in _other_processes():
+        if any(_is_same(opened, node) for opened in _open_files(process)):
+            yield process
 
 
-def _number_of_terminal(device: str) -> int | None:
-    """Return a pseudo-terminal's number; None for any other device."""
-    folder, name = os.path.split(os.path.realpath(device))
-    return int(name) if folder == PSEUDO_TERMINALS and name.isdigit() else None
-
-
-def _is_behind(process: int, number: int) -> bool:
-    """Return True if the process holds the other end of that pseudo-terminal."""
-    with contextlib.suppress(OSError):
-        for described in Path(f"/proc/{process}/fdinfo").iterdir():
-            with contextlib.suppress(OSError):
-                if f"tty-index:\t{number}\n" in described.read_text():
-                    return True
-    return False
-
-
-def _has_open(process: int, wanted: os.stat_result) -> bool:
+def _open_files(process: int) -> Iterator[os.stat_result]:
+    """Yield the status of everything that a process has open."""
     with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
         for descriptor in descriptors:
             with contextlib.suppress(OSError):
-                if _is_same(descriptor.stat(), wanted):
-                    return True
-    return False
+                yield descriptor.stat()
 
 
 def _is_same(opened: os.stat_result, wanted: os.stat_result) -> bool:

@@ -52,16 +52,18 @@ class LineSplitter:
 
     def feed(self, data: bytes) -> Iterator[TypedLine]:
         """Return the lines completed by `data`."""
-        *ended, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
-        is_cut, self._is_cut = self._is_cut, len(rest) > KEPT or (self._is_cut and not ended)
+        *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        is_first_cut = self._is_cut
+        self._is_cut = len(rest) > KEPT or (self._is_cut and not lines)
         self._rest = rest[:KEPT]
-        for place, line in enumerate(ended):
-            yield from self._line(line, is_cut=is_cut and place == 0)
+        for number, line in enumerate(lines):
+            yield from self._line(line, is_cut=is_first_cut and number == 0)
 
     def finish(self) -> Iterator[TypedLine]:
         """Return the unfinished line, if any."""
         yield from self._line(self._rest, is_cut=self._is_cut)
-        self._rest, self._is_cut = b"", False
+        self._rest = b""
+        self._is_cut = False
 
     def _line(self, data: bytes, *, is_cut: bool) -> Iterator[TypedLine]:
         try:
@@ -78,7 +80,9 @@ class LineSplitter:
 
 
 def _shown(sign: str) -> str:
-    return sign.encode("unicode_escape").decode() if unicodedata.category(sign) in HIDDEN else sign
+    if unicodedata.category(sign) in HIDDEN:
+        return sign.encode("unicode_escape").decode()
+    return sign
 
 
 class SourceLost(Exception):

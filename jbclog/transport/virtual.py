@@ -1,5 +1,4 @@
-"""Run sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests and
-`replay --record`.
+"""Run sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests.
 
 Each session talks to a `Peer`, which returns its answers and their times. The clock jumps to the
 next event.
@@ -17,8 +16,6 @@ from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.port import MOST_KEPT
 from jbclog.transport.start_barrier import Barrier
-
-NEVER = float("inf")
 
 
 class Peer(Protocol):
@@ -111,7 +108,7 @@ class _VirtualLink:
         self.is_ended = False
 
     def start(self) -> None:
-        self._pull(lambda: next(self._session))
+        self._pull(lambda: self._session.send(None))
 
     def end(self, why: str) -> None:
         if self._ending is None and not self.is_ended:
@@ -168,10 +165,12 @@ class _VirtualLink:
         elif isinstance(request, Wait):
             self._await(request.until, listening=False)
         elif isinstance(request, Gather):
-            self._listening, self._is_gathered = False, True
+            self._listening = False
+            self._is_gathered = True
             self._driver.barrier.gather(self._member, request)
         else:
-            self._is_open, self._coming = True, []
+            self._is_open = True
+            self._coming = []
             self._check_link(now)
             self._await(now, listening=False)
 
@@ -181,9 +180,11 @@ class _VirtualLink:
 
     def _await(self, until: float, *, listening: bool) -> None:
         self._listening = listening
-        first = self._coming[0][0] if listening and self._coming else NEVER
         turn = self._turn
-        self._driver.at(min(first, until), lambda: self._wake(turn))
+        moment = until
+        if listening and self._coming:
+            moment = min(self._coming[0][0], until)
+        self._driver.at(moment, lambda: self._wake(turn))
 
     def _wake(self, turn: int) -> None:
         if turn != self._turn or self.is_ended:
@@ -194,9 +195,14 @@ class _VirtualLink:
             self._pull(lambda: self._session.throw(LinkError("the cable was pulled out")))
             return
         due = [data for at, data in self._coming if at <= now]
-        taken = due[:1] if self._listening else _kept(due)  # a listener gets each piece on arrival
+        if self._listening:
+            taken: Sequence[bytes] = due[:1]  # a listener gets each piece on arrival
+        else:
+            taken = _kept(due)
         self._coming = self._coming[len(taken) :]
-        self._heard = now if taken else self._heard
-        late_s, self._late_s = self._driver.late_s - self._late_s, self._driver.late_s
-        heard = IoResult(now, b"".join(taken), self._sent, late_s)
-        self._pull(lambda: self._session.send(heard))
+        if taken:
+            self._heard = now
+        late_s = self._driver.late_s - self._late_s
+        self._late_s = self._driver.late_s
+        result = IoResult(now, b"".join(taken), self._sent, late_s)
+        self._pull(lambda: self._session.send(result))

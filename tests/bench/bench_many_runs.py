@@ -13,6 +13,7 @@ trend.
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -26,12 +27,11 @@ from common import at_most, in_own_process, is_short, judge, show
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
 from jbclog.analysis.runs import Records, open_runs
-from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.analysis.trend import trends
 from jbclog.record.find_runs import find
-from jbclog.record.folder import METRICS_CACHE
-from jbclog.record.manifest import manifest_sha256
+from jbclog.record.folder import DERIVED
 from jbclog.report.write import write_report
+from support.records.derived import write_metrics
 from support.records.same_record import as_another
 from support.records.small_run import make_run
 
@@ -39,7 +39,7 @@ RUNS, SHORT_RUNS, WITHOUT = 240, 60, 4
 RUN_S = 20.0
 ROUNDS = 5
 MOST_MS = 3.0
-OF_REPORT = ("report.*", "annotations.jsonl", "joints.parquet", "figures", "tables")
+OF_REPORT = ("report.*", "annotations.jsonl", "derived", "figures", "tables")
 
 
 def copies(run: Path, out: Path, count: int, ignore: tuple[str, ...] = ()) -> Path:
@@ -56,7 +56,7 @@ def parsed(out: Path) -> None:
 
 
 def trend(out: Path) -> None:
-    found = trends(open_runs(out).through(Records(cache=True)))
+    found = trends(open_runs(out).through(Records()))
     assert len(found[0].known) == len(list(out.iterdir())), "a run lacks the metric"
 
 
@@ -77,9 +77,9 @@ def measured(made: Path, count: int) -> list[float]:
     with_report = copies(run, made / "with", count)
     without = copies(run, made / "without", WITHOUT, OF_REPORT)
     first = next(without.iterdir())
-    cache_metrics(first, computed_metrics(open_run(first)), manifest_sha256(first))
+    write_metrics(first, computed_metrics(open_run(first)))
     cached = copies(first, made / "cached", count)
-    (first / METRICS_CACHE).unlink()
+    shutil.rmtree(first / DERIVED)
     calls = [
         (parsed, with_report),
         (lambda out: list(find(out)), with_report),

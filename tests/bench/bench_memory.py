@@ -36,7 +36,7 @@ from jbclog.app.run.plan import make_plan
 from jbclog.app.run.tasks import station_tasks
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
+from jbclog.record.run_journal import RunJournal
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.virtual import VirtualStation
@@ -117,7 +117,7 @@ def compressed(folder: Path, minutes: float) -> Hour:
     began = time.monotonic()
     clock, found = VirtualClock(), Hour()
     driver = VirtualDriver(clock)
-    store = LiveStore(create_run(folder, "hour", clock.utc()), seal_every_s=None)
+    store = RunJournal(create_run(folder, "hour", clock.utc()), seal_every_s=None)
     store.start()
     contexts = _put_to_work(driver, clock, store, folder, minutes * 60)
     _every(driver, COMMIT_S, lambda _: store.commit_now())
@@ -132,14 +132,14 @@ def compressed(folder: Path, minutes: float) -> Hour:
 
 
 def _put_to_work(
-    driver: VirtualDriver, clock: VirtualClock, store: LiveStore, folder: Path, seconds: float
+    driver: VirtualDriver, clock: VirtualClock, store: RunJournal, folder: Path, seconds: float
 ) -> list[SessionContext]:
     line, recipe = folder / "hour-line.toml", folder / "hour.toml"
     line.write_text(line_text([f"dde-{number}" for number in range(1, STATIONS_OF_THE_HOUR + 1)]))
     recipe.write_text(RECIPE.format(hz=10, alarms_every_s=0.2))
     plan = make_plan(RunOptions(line, recipe, duration_s=seconds))
     contexts = [
-        SessionContext(order, store, UtcOffset(clock))
+        SessionContext.of(order, store, UtcOffset(clock))
         for order in station_tasks(plan, clock.monotonic())
     ]
     for context, station in zip(contexts, plan.stations, strict=True):
@@ -158,7 +158,7 @@ def _every(driver: VirtualDriver, seconds: float, call: Callable[[float], None])
     driver.at(began + seconds, again)
 
 
-def _seal(store: LiveStore, found: Hour) -> None:
+def _seal(store: RunJournal, found: Hour) -> None:
     """Seal, and let the child end: it may need more than ten minutes of this clock."""
     store.seal_now()
     found.seals += 1

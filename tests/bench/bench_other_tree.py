@@ -27,7 +27,7 @@ from statistics import median
 import pyarrow.parquet as pq
 from common import Bench, at_most, judge, percentile, show, virtual_stations
 
-from jbclog.app.run.metrics_cache import OFF
+from jbclog.app.run.derive import OFF
 
 HERE = Path(__file__).parents[2]
 COLUMNS = ("medians of rounds", "late ms 50 %", "99 %", "latest", "skipped", "CPU s")

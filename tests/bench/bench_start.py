@@ -93,7 +93,7 @@ def _first_sample_s(run: Sequence[str], out: Path) -> float:
         check=True,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        env=os.environ | {"JBCLOG_NO_METRICS": "1"},
+        env=os.environ | {"JBCLOG_NO_DERIVED": "1"},
     )
     folder = max(out.glob("*-bench-*"))  # the newest by its name
     times = pq.read_table(folder / "samples", columns=["time"])["time"].cast("int64").to_pylist()

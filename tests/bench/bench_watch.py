@@ -4,9 +4,8 @@ with and without ten followers.
 There is one run; followers come and go in it, so that both cases have the same machine. Stretches
 without and with ten of them alternate; the seconds in which they start do not count.
 
-A process beside each follower counts joints, some minutes apart (`joint_counter.Schedule`). It
-bounds its share of a core by estimates of the time to identify the models and to count. The real
-times are measured beside the run.
+A process beside each follower counts joints and then rests (`joint_counter.SHARE`). What a count
+takes is measured beside the run.
 """
 
 from __future__ import annotations
@@ -26,9 +25,7 @@ import pyarrow.parquet as pq
 from common import Claim, at_most, is_short, judge, percentile, show, virtual_stations
 from recorder import record
 
-from jbclog.core.locks import commit_status
-from jbclog.live.growing_joints import GrowingJoints
-from jbclog.live.joint_counter import COUNT_S, Schedule
+from jbclog.live.joint_counter import count
 
 STATIONS: Final = 32  # of two ports each
 FOLLOWERS: Final = 10
@@ -36,7 +33,6 @@ BEGIN_S, START_S = 15.0, 15.0  # of the run, and of followers that start, at mos
 # times the lateness without followers, plus `SLACK_MS`: ten more processes share the processors
 WIDER: Final = 2.0
 SLACK_MS: Final = 5.0
-LONGER: Final = 2.0  # times the estimate, which is from another machine without a run beside it
 FOLLOW: Final = """
 import os, sys
 from jbclog.cli.watch import NICENESS
@@ -74,7 +70,7 @@ def main() -> int:
                     (_cpu_s(one) - first) / stretch_s
                     for one, first in zip(processes, before, strict=True)
                 ]
-        counting = _counting(stations.folder, stretch_s)
+        counting_s = _counting_s(stations.folder)
         recorded = running.result()
         (samples,) = stations.folder.glob("*-bench-*/samples")
         late = {"without": _late_ms(samples, without), "ten followers": _late_ms(samples, with_ten)}
@@ -88,42 +84,25 @@ def main() -> int:
         rows,
     )
     print(f"  a follower: {100 * sum(shares) / len(shares):.2f} % of a core")
-    for what, (took_s, estimated_s) in counting.items():
-        print(f"  to {what}: {took_s:.2f} s of CPU, estimated {estimated_s:.2f} s")
+    print(f"  to count the joints: {counting_s:.2f} s of CPU")
     print(f"  ticks skipped in the whole run: {recorded.ticks_skipped} of {recorded.rows}")
-    return judge(_claims(figures, max(shares), counting))
+    return judge(_claims(figures, max(shares)))
 
 
-def _counting(runs: Path, stretch_s: float) -> dict[str, tuple[float, float]]:
-    """Return the CPU seconds of counting the joints, and the schedule's estimates."""
+def _counting_s(runs: Path) -> float:
+    """Return the CPU seconds of counting the joints of all ports once."""
     (folder,) = runs.glob("*-bench-*")
-    joints, through = GrowingJoints(folder), commit_status(folder).last
     began = time.process_time()
-    joints.identify(through)
-    identified_s = time.process_time() - began
-    joints.count(through)
-    _stretch(stretch_s)
-    began = time.process_time()
-    joints.count(commit_status(folder).last)
-    counted_s = time.process_time() - began
-    joints.close()
-    return {
-        "identify the models": (identified_s, Schedule(2 * STATIONS).models_s(through)),
-        "count the joints again": (counted_s, 2 * STATIONS * COUNT_S),
-    }
+    count(folder)
+    return time.process_time() - began
 
 
 def _claims(
     figures: dict[str, tuple[float, float, float]],
     share: float,
-    counting: dict[str, tuple[float, float]],
 ) -> list[Claim]:
     alone, beside = figures.values()
     return [
-        *(
-            at_most(f"to {what}", took_s, LONGER * estimated_s, " s of CPU")
-            for what, (took_s, estimated_s) in counting.items()
-        ),
         at_most(
             f"a follower of {2 * STATIONS} ports, the most expensive of all, of a core",
             100 * share,

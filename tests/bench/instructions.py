@@ -18,7 +18,7 @@ from jbclog.app.run.options import RunOptions
 from jbclog.app.run.plan import make_plan
 from jbclog.app.run.tasks import station_tasks
 from jbclog.core.clock import UtcOffset, VirtualClock
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Wait, ask, listen, reopen
 from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, StationFacts
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
@@ -61,12 +61,12 @@ def session(exchanges: int, pieces: int) -> None:
         plan = make_plan(RunOptions(line, recipe, duration_s=1e9))
     clock = VirtualClock()
     (task,) = station_tasks(plan, clock.monotonic())
-    context = SessionContext(task, Nobody(), UtcOffset(clock))
+    context = SessionContext.of(task, Nobody(), UtcOffset(clock))
     peer = virtual_station(plan.stations[0].spec, now=clock.monotonic())
     steps, known = run_station(context), dict[bytes, list[bytes]]()
     now = clock.monotonic()
     begun, sent, done, heard = float("inf"), now, 0, IoResult(now, b"", now)
-    request, coming = next(steps), list[bytes]()
+    request, coming = steps.send(None), list[bytes]()
     while done < exchanges:
         data = b""
         if isinstance(request, Ask):
@@ -82,7 +82,7 @@ def session(exchanges: int, pieces: int) -> None:
             data = coming.pop(0)
         elif isinstance(request, Listen | Wait):
             now = max(now, request.until)
-        if context.facts.first_tick is not None:
+        if context.state.facts.first_tick is not None:
             begun = min(begun, now)
         heard = IoResult(now, data, sent)
         request = steps.send(heard)
@@ -115,12 +115,12 @@ class Pipe:
 def drive(exchanges: int, pieces: int) -> None:
     """The reactor with a session that only asks, and waits for the rest of an answer."""
 
-    def steps() -> Steps[None]:
-        yield Reopen()
+    async def steps() -> None:
+        await reopen()
         for _ in range(exchanges):
-            heard = yield Ask(QUESTION, 0.5)
+            heard = await ask(QUESTION, 0.5)
             for _ in range(1, pieces):
-                yield Listen(heard.sent + 0.5)
+                await listen(heard.sent + 0.5)
         os._exit(0)
 
     reactor = Reactor()

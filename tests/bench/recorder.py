@@ -18,9 +18,9 @@ from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.goal import Goal
 from jbclog.core.rows import EventRow
-from jbclog.record.capture import wire_paths
 from jbclog.record.seal_child import SEAL_S
 from jbclog.session.run.context import SessionContext
+from support.product import wire_paths
 from support.readers.run_files import read_rows
 
 
@@ -45,8 +45,8 @@ class Recorded:
     recording_mb: float  # peak memory until the record is sealed
     peak_mb: float  # the same with the verdict, before the rows are examined
     trouble: list[str]  # problems that the run itself found
-    wire_bytes: int  # size of the captures on disk
-    wire_exchanges: int  # in the captures
+    wire_bytes: int  # size of the capture on disk
+    wire_exchanges: int  # in the capture
 
 
 class Mark(NamedTuple):
@@ -69,7 +69,7 @@ class Watcher:
 
     def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         if all(
-            context.facts.first_tick is not None and context.facts.outcome == "running"
+            context.state.facts.first_tick is not None and context.state.facts.outcome == "running"
             for context in contexts
         ):
             self.last = Mark(
@@ -110,8 +110,8 @@ def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
     exchanges, stations = last.exchanges - first.exchanges, result.manifest.stations
     peak = _peak_mb()
     samples = pq.read_table(
-        result.folder / "samples", columns=["port", "late_us", "scan_us", "reasons"]
-    )
+        result.folder / "samples", columns=["seq", "port", "late_us", "scan_us", "reasons"]
+    ).sort_by("seq")  # a part is sorted by port
     late = _late_ms(samples["port"].to_pylist(), samples["late_us"].to_pylist())
     skipped = sum("skipped" in reasons for reasons in samples["reasons"].to_pylist() if reasons)
     return Recorded(

@@ -6,8 +6,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
 from support.campaigns.each_row import each_row
+from support.product import PACKAGE, false_alarms
 from support.readers.command_line import calls, wrong
 from support.readers.texts import DOCS, FENCE, ROOT, text_of
 
@@ -64,7 +64,7 @@ def test_commands_exist(page: Path) -> None:
     for name in re.findall(r"`((?:\w+/)+\w+\.py)`", text_of("explanation/architecture.md"))
 )
 def test_a_file_that_the_architecture_names_is_there(name: str) -> None:
-    assert (ROOT / "jbclog" / name).is_file()
+    assert (PACKAGE / name).is_file()
 
 
 def test_every_campaign_has_its_row() -> None:
@@ -86,11 +86,10 @@ def has_campaign(path: Path) -> bool:
 
 
 def test_the_false_alarms_are_those_that_charts_state() -> None:
-    for tests, row in (
-        (DEFAULT_TESTS, "1, 2, 3, 5 (default)"),
-        (ALL_TESTS, "all eight (`--all-tests`)"),
+    for all_tests, row in (
+        (False, "1, 2, 3, 5 (default)"),
+        (True, "all eight (`--all-tests`)"),
     ):
-        stated = FALSE_ALARMS[tests]
-        figures = [getattr(stated, name) for name in stated.__dataclass_fields__]
+        figures = false_alarms(all_tests=all_tests)
         cells = f"| {row} | {figures[0]:g} | {figures[1]:g} points | {100 * figures[2]:.0f} % |"
         assert cells in text_of("explanation/capability.md")

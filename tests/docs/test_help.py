@@ -14,14 +14,13 @@ from pathlib import Path
 
 import pytest
 
-import jbclog as package
-from jbclog.cli.front_page import page
 from support.campaigns.each_row import each_row
 from support.command import jbclog
 from support.invoked import invoked
+from support.product import LOADED_BY_HELP, PACKAGE, help_page, package
 from support.readers.command_line import HELP, VERBS, calls, wrong
 
-LOADED_BY_HELP = """
+LOADING_HELP = """
 import sys
 before = set(sys.modules)
 from contextlib import suppress
@@ -32,7 +31,6 @@ with suppress(SystemExit):
 print(*set(sys.modules) - before, file=sys.stderr)
 """
 every_verb = each_row((verb, (verb,)) for verb in VERBS)
-PACKAGE = Path(package.__file__).parent
 PACKAGES = sorted(
     ".".join(path.parent.relative_to(PACKAGE).parts) for path in PACKAGE.rglob("*/__init__.py")
 )
@@ -101,7 +99,7 @@ def test_a_process_of_its_own_says_the_same() -> None:
 @pytest.mark.parametrize("columns", [20, 52, 66, 79, 80, 81, 200])
 def test_the_page_is_the_one_that_the_parser_of_the_command_line_makes(columns: int) -> None:
     made = invoked("--help", prog_name="jbclog", terminal_width=max(min(columns, 80) - 2, 50))
-    assert page("jbclog", columns) + "\n" == made.stdout
+    assert help_page("jbclog", columns) + "\n" == made.stdout
 
 
 def test_help_that_nobody_reads_ends_as_other_output_does() -> None:
@@ -127,7 +125,7 @@ def test_help_names_every_option_that_there_is() -> None:
 def test_help_loads_no_more_than_what_prints_it() -> None:
     """Which makes it quick; how quick, `tests/bench/bench_start.py` measures."""
     done = subprocess.run(
-        [sys.executable, "-c", LOADED_BY_HELP],
+        [sys.executable, "-c", LOADING_HELP],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         check=True,
@@ -135,7 +133,7 @@ def test_help_loads_no_more_than_what_prints_it() -> None:
     loaded = [name.split(".") for name in done.stderr.decode().split()]
     assert {package for package, *_ in loaded} - sys.stdlib_module_names == {"jbclog"}
     own = {".".join(rest) for package, *rest in loaded if package == "jbclog" and rest}
-    assert own == {"cli", "cli.front_page", "cli.streams"}
+    assert own == LOADED_BY_HELP
 
 
 @pytest.mark.parametrize(

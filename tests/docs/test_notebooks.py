@@ -15,12 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.maintenance.counter_totals.history import histories
-from jbclog.maintenance.counter_totals.tracing import traces_of
-from jbclog.maintenance.ledger import add, read_book
-from jbclog.record.check import check
 from support.fleets.audit_fleet import BEGIN
 from support.fleets.counters import look
+from support.product import add_to_counter_book, check_run, counted_in
 from support.readers.notebook_runs import (
     HOME,
     NOTEBOOKS,
@@ -32,7 +29,7 @@ from support.readers.notebook_runs import (
 )
 from support.records import notebook_data
 from support.records.sealed_run import samples, seal, station, table
-from support.records.small_run import make_run
+from support.records.small_run import begin, make_run
 
 DATA = HOME / "data"
 FOLLOW, JOINTS, CAPABILITY, AUDIT = (
@@ -99,9 +96,9 @@ def test_joints_are_held_against_the_feeders_own_count(of_all: Kernel) -> None:
         node, "feeder"
     )
     assert re.search(r"Two witnesses: feeder 19, heat (\d+|not known)\.", shown(node, "feeder"))
-    assert "No readings from 79.6 s to 84.3 s" in shown(node, "feeder")
+    assert "No readings from 79.5 s to 84.4 s" in shown(node, "feeder")
     # one was made in the gap
-    assert re.search(r"^joints +<NA>", shown(node, "metrics"), re.MULTILINE)
+    assert re.search(r"^joints +NaN", shown(node, "metrics"), re.MULTILINE)
     assert re.search(r"^recovery_s +1\.\d", shown(node, "metrics"), re.MULTILINE)
     for cell in ("course", "laid", "scatter"):
         assert has_picture(node, cell), cell
@@ -158,17 +155,11 @@ def test_the_audit_is_right_where_it_commits_itself(of_all: Kernel) -> None:
 
 def test_the_audits_odometers_hold_the_truth(tmp_path: Path) -> None:
     unpack(DATA / "counters.tar.xz", tmp_path)
-    traced = {
-        place: traces_of(history)
-        for place, history in histories(read_book(tmp_path / "counters.jsonl").entries).items()
-    }
+    counted = counted_in(tmp_path / "counters.jsonl")
     for name, made in notebook_data.simulated().items():
-        for key, trace in traced["bench-3", name].now.items():
-            first, last = (made.moments[trace.points[at].look] for at in (0, -1))
-            assert made.true(key, last) - made.true(key, first) in trace.counter_total.total, (
-                name,
-                key,
-            )
+        for key, (first_look, last_look, total) in counted["bench-3", name].items():
+            first, last = made.moments[first_look], made.moments[last_look]
+            assert made.true(key, last) - made.true(key, first) in total, (name, key)
 
 
 @pytest.mark.parametrize("notebook", [FOLLOW, JOINTS], ids=lambda path: path.stem)
@@ -193,7 +184,7 @@ def test_a_single_run_is_not_enough_and_breaks_nothing(
 def test_a_single_look_is_not_enough_and_breaks_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    add(tmp_path / "ledger.jsonl", [look(counts={(1, "work_h"): 412})])
+    add_to_counter_book(tmp_path / "ledger.jsonl", [look(counts={(1, "work_h"): 412})])
     monkeypatch.setenv("JBCLOG_LEDGER", str(tmp_path / "ledger.jsonl"))
     run_here(AUDIT)
 
@@ -203,7 +194,7 @@ def test_the_examples_are_whole_records(tmp_path: Path) -> None:
         unpack(packed, tmp_path / packed.name)
     runs = [path.parent for home in (DATA, tmp_path) for path in home.glob("*/*/manifest.json")]
     assert len(runs) == 1 + 1 + 20
-    assert [run.name for run in runs if check(run)] == []
+    assert [run.name for run in runs if check_run(run)] == []
 
 
 # -- reading a run, and how notebooks are kept -----------------------------------------------------
@@ -211,7 +202,10 @@ def test_the_examples_are_whole_records(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_run(tmp_path_factory.mktemp("lab") / "demo-runs", 45)
+    """The newest sealed run; a newer one is still being recorded."""
+    sealed = make_run(tmp_path_factory.mktemp("lab") / "demo-runs", 45)
+    begin(sealed.parent, 45)
+    return sealed
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
@@ -225,7 +219,7 @@ def test_notebooks_are_kept_without_outputs(notebook: Path) -> None:
     nbformat.validate(nbformat.reads(notebook.read_text("utf-8"), as_version=4))
 
 
-def test_reading_a_run_finds_the_newest_and_its_alarm(of_all: Kernel, run: Path) -> None:
+def test_reading_a_run_finds_the_newest_sealed_one_and_its_alarm(of_all: Kernel, run: Path) -> None:
     node = of_all.executed(NOTEBOOKS[0], run.parents[1])
     assert run.name in shown(node, "open")
     assert "REJECT" in shown(node, "open")

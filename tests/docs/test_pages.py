@@ -79,7 +79,7 @@ def test_every_rule_of_the_verdict_is_listed() -> None:
         path.read_text(encoding="utf-8")
         for path in (ROOT / "jbclog" / "analysis" / "verdict").glob("*.py")
     ]
-    written = {name for text in texts for name in re.findall(r'Rule\(\s*"(\w+)"', text)}
+    written = {name for text in texts for name in re.findall(r'(?:Rule|Asked)\(\s*"(\w+)"', text)}
     written |= {
         name
         for text in texts

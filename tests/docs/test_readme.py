@@ -9,8 +9,8 @@ import tomllib
 
 import pytest
 
-import jbclog as package
 from support.command import jbclog
+from support.product import package
 from support.readers.command_line import VERBS, calls, wrong
 from support.readers.texts import (
     DOCS,

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.alarms.state_machine import Transition
+from jbclog.analysis.event_kinds import KINDS
 from jbclog.config.recipe import COMMAND_OF
-from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands.decisions import decisions
 from jbclog.protocol.commands.family import FAMILIES
 from support.readers.repository import TEXTS
 from support.readers.texts import ROOT
@@ -102,7 +103,7 @@ def test_each_fault_and_each_rule_names_a_test() -> None:
 
 
 def test_each_citation_of_a_row_finds_it() -> None:
-    known = {name for name, _ in ROWS} | {f"B-{number}" for number in DECISIONS}
+    known = {name for name, _ in ROWS} | {f"B-{number}" for number in decisions()}
     cited = re.compile(
         r"docs/reference/(?:faults|contradictions)\.md,((?:(?: and|,| to)?\s+(?:[FBS]-|I)\d+)+)"
     )
@@ -179,6 +180,18 @@ def test_every_kind_of_event_is_listed_and_every_listed_one_exists() -> None:
     }
     assert sorted(code - page - {"alarm.episode"}) == []
     assert sorted(page - code - made) == []
+
+
+def test_the_kinds_that_can_be_chosen_are_those_of_the_page() -> None:
+    of_a_record = text_of("events.md").split("## Findings")[0]
+    cells = re.findall(r"^\| (`.+?`) \| (.+)", of_a_record, re.MULTILINE)
+    listed = {
+        kind
+        for names, when in cells
+        if not when.startswith("annotation")
+        for kind in re.findall(r"`([a-z_.]+?)…?`", names)
+    }
+    assert set(KINDS) == listed
 
 
 # -- safe states -----------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-import jbclog
+from support.product import package
 from support.readers.texts import ROOT
 
 CI = ROOT / ".ci"
@@ -166,7 +166,7 @@ def assert_names_every_locked_package_with_version_and_hashes(path: Path) -> Non
     assert (bill["bomFormat"], root["name"], root["version"]) == (
         "CycloneDX",
         "jbclog",
-        jbclog.__version__,
+        package.__version__,
     )
 
 
@@ -215,8 +215,8 @@ def test_the_page_s_commands_make_a_release_that_its_user_can_verify_and_build_a
     done = ended("bash", "-c", script, cwd=clone, JBCLOG_TOOLS=tools, **signer)
     assert done.returncode == 0, done.stdout + done.stderr
     (made,) = [path for path in (clone / "dist").iterdir() if path.name != "again"]
-    name = f"jbclog-{jbclog.__version__}"
-    assert made.name == f"v{jbclog.__version__}"
+    name = f"jbclog-{package.__version__}"
+    assert made.name == f"v{package.__version__}"
     assert {path.name for path in made.iterdir()} == {
         *(
             f"{name}.tar.gz",

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.safe_state import DONE_S, GUARD_S, KILLED_S, TERM_S
-from jbclog.guard.supervisor import TAKEN_OVER_S
+from support.product import SAFE_DONE_S, SAFE_GUARD_S, SAFE_KILLED_S, SAFE_TERM_S, TAKEN_OVER_S
 from support.readers.command_line import wrong
 from support.readers.texts import ROOT
 from support.readers.unit_file import AUDIT, TIMER, UNIT, analyzed, command, exposed, unit
@@ -40,7 +39,7 @@ def test_guard_and_safe_have_time_enough_and_are_not_killed() -> None:
     assert service["KillMode"] == "control-group"
     assert "SendSIGKILL" not in service
     assert float(service["TimeoutStopSec"]) > max(
-        TAKEN_OVER_S, TERM_S + KILLED_S + GUARD_S + DONE_S
+        TAKEN_OVER_S, SAFE_TERM_S + SAFE_KILLED_S + SAFE_GUARD_S + SAFE_DONE_S
     )
 
 

@@ -17,7 +17,7 @@ from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
 from jbclog.record import folder as folders
 from jbclog.record.folder import create_run
-from jbclog.record.seal import seal_rows
+from support.product import seal_part
 from support.records import few_rows
 
 PROCESSES, NAMES = 40, 16
@@ -101,7 +101,7 @@ def test_readers_see_every_row_once_while_the_run_is_written_and_sealed(
         store.commit_now()
         committed = number * 20 + 20
         if number % 3 == 2:
-            seal_rows(store.folder, part=True)
+            seal_part(store.folder)
     is_over.set()
     for reader in readers:
         reader.join()

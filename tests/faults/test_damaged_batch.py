@@ -1,5 +1,5 @@
-"""The store of a batch with altered bytes, anywhere in its pages or its log: either the entries of
-its journal are those that were written, or the first of them; or it is refused, and nothing starts.
+"""The files of a batch with altered bytes: either the entries of its journal are those that were
+written, or the first of them; or it is refused, and nothing starts.
 """
 
 from __future__ import annotations
@@ -12,10 +12,17 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.batch.job_dir import JobDir, JobProgress, JobResult
-from jbclog.app.batch.journal import begin, entries_in, newest
+from jbclog.app.batch.job_dir import (
+    EVENTS,
+    PROGRESS,
+    RESULT,
+    RUN,
+    JobDir,
+    JobProgress,
+    JobResult,
+)
+from jbclog.app.batch.journal import NAME, begin, entries_in, newest
 from jbclog.app.batch.state import Entry, EntryKind
-from jbclog.app.batch.store import NAME
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import EventRow, Severity
 from support.faults.altered_files import cut, zeros
@@ -39,20 +46,18 @@ def flip(data: bytearray, place: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def batches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """By the file that holds it: a batch in the log, and one in the pages."""
+def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("batches")
     journal = begin(home, "", lambda: NIGHT)
-    job = JobDir(journal.folder / "jobs" / "a-1", journal.store)
+    job = JobDir(journal.folder / "jobs" / "a-1")
     for entry in ENTRIES:
         journal.note(entry)
     os.close(job.make(b"{}"))
+    job.set_run(home / "run-1")
     job.set_progress(JobProgress(passed_s=2.0))
     job.add_event(EVENT)
     job.set_result(JobResult(0, "ACCEPT"))
-    in_log = shutil.copytree(home, home.with_name("in-log"))
-    journal.store.close()
-    return {f"{NAME}-wal": in_log, NAME: home}
+    return home
 
 
 def outcome(home: Path) -> str:
@@ -63,45 +68,51 @@ def outcome(home: Path) -> str:
         return "refused" if "nothing was started" in str(error) else str(error)
     if journal is None:
         return "cut"
-    kinds = [entry.kind for entry in entries_in(journal.store)]
-    job = JobDir(journal.folder / "jobs" / "a-1", journal.store)
-    for read in (job.progress, job.result, job.ended_at, job.run, job.each_event):
+    kinds = [entry.kind for entry in entries_in(journal.folder)]
+    job = JobDir(journal.folder / "jobs" / "a-1")
+    for read in (job.progress, job.result, job.run, job.each_event):
         read()
-    journal.store.close()
     assert kinds == KINDS[: len(kinds)]
     return "whole" if kinds == KINDS else "cut"
 
 
-def tried(batches: dict[str, Path], name: str, alteration: Alteration, step: int) -> Counter[str]:
-    before, found = batches[name], Counter[str]()
-    file = next(before.rglob(name))
+def tried(batch: Path, name: str, alteration: Alteration, step: int) -> Counter[str]:
+    found = Counter[str]()
+    file = next(batch.rglob(name))
     whole = file.read_bytes()
-    trial = before.with_name("trial")
+    trial = batch.with_name("trial")
     for place in range(step // 2, len(whole), step):
         shutil.rmtree(trial, ignore_errors=True)
-        shutil.copytree(before, trial)
+        shutil.copytree(batch, trial)
         data = bytearray(whole)
         alteration(data, place)
-        (trial / file.relative_to(before)).write_bytes(data)
+        (trial / file.relative_to(batch)).write_bytes(data)
         found[outcome(trial)] += 1
     return found
 
 
+OF_JOB = (RUN, PROGRESS, EVENTS, RESULT)
+
+
 @pytest.mark.parametrize("alteration", [flip, zeros, cut])
-@pytest.mark.parametrize("name", [NAME, f"{NAME}-wal"])
-def test_some_places(batches: dict[str, Path], name: str, alteration: Alteration) -> None:
-    found = tried(batches, name, alteration, 997)
+def test_some_places_of_the_journal(batch: Path, alteration: Alteration) -> None:
+    found = tried(batch, NAME, alteration, 97)
     assert found["refused"] + found["cut"] > 5
     assert set(found) <= {"whole", "cut", "refused"}
+
+
+@pytest.mark.parametrize("alteration", [flip, zeros, cut])
+@pytest.mark.parametrize("name", OF_JOB)
+def test_any_place_of_what_a_job_writes(batch: Path, name: str, alteration: Alteration) -> None:
+    assert {*tried(batch, name, alteration, 2)} == {"whole"}
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("alteration", [flip, zeros, cut])
-@pytest.mark.parametrize("name", [NAME, f"{NAME}-wal"])
 def test_every_seventh_byte(
-    batches: dict[str, Path], name: str, alteration: Alteration, counted: Callable[..., None]
+    batch: Path, alteration: Alteration, counted: Callable[..., None]
 ) -> None:
-    found = tried(batches, name, alteration, 7)
+    found = tried(batch, NAME, alteration, 7)
     assert set(found) <= {"whole", "cut", "refused"}
-    counted(**{f"{name.partition('-')[2] or 'pages'}_{what}": n for what, n in found.items()})
+    counted(**found)

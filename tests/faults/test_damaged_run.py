@@ -22,14 +22,16 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import is_held
 from jbclog.core.rows import TABLES
 from jbclog.guard.open_leases import settle
-from jbclog.record.capture import WHOLE
 from jbclog.record.chains import previous_run
 from jbclog.record.check import check
-from jbclog.record.conclude import files_of
+from jbclog.record.conclude import live_files
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
+from jbclog.record.part_chain import NAME as PART_LIST
+from jbclog.record.part_chain import PartChain
 from jbclog.record.recover import Outcome, recover, recover_all
-from jbclog.record.seal import seal_rows
+from jbclog.record.seal import seal_journal
+from jbclog.record.wire import WHOLE, seal_capture
 from jbclog.report.write import report_files
 from support.faults.altered_files import (
     Altered,
@@ -53,9 +55,12 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small sealed run with a serial capture."""
     folder = make_run(tmp_path_factory.mktemp("runs"), seconds=2.0)
     write_wire(folder)
+    seal_capture(folder)
     manifest = read_manifest(folder)
-    manifest.files, manifest.wire = list(files_of(folder)), WHOLE
+    manifest.files += [part.file for part in PartChain(folder).of("wire")]
+    manifest.wire = WHOLE
     write_manifest(folder, manifest)
+    (folder / PART_LIST).unlink()
     assert check(folder) == []
     return folder
 
@@ -173,11 +178,11 @@ def walk(
     return count
 
 
-UNSHOWN = ("line.toml", "recipes/tht.toml", "wire/dde-1.tsv.gz")  # not in a report
+UNSHOWN = ("line.toml", "recipes/tht.toml", "wire/part-0000.parquet")  # not in a report
 FILES = (
     *(f"{table}/part-0000.parquet" for table in TABLES),
     NAME,
-    "wire/dde-1.tsv.gz",
+    "wire/part-0000.parquet",
     "line.toml",
     "recipes/tht.toml",
 )
@@ -227,7 +232,7 @@ def test_recover_says_of_a_sealed_run_that_it_cannot_rebuild_it(
     done = recover(trial)
     assert done.outcome is Outcome.WHOLE
     assert (
-        "But samples/part-0000.parquet was changed after it was sealed. No live store is left to"
+        "But samples/part-0000.parquet was changed after it was sealed. No journal is left to"
         " rebuild it from" in done.text
     )
     assert recover(sealed).text == f"{sealed.name}: already finished; nothing was changed."
@@ -281,9 +286,9 @@ def test_a_ledger_that_was_altered_is_named(sealed: Path, tmp_path: Path) -> Non
 
 @pytest.fixture(scope="module")
 def half_sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A crash in mid-sealing: all rows are in parts, and still in the live store."""
+    """A crash in mid-sealing: all rows are in parts, and still in the journal."""
     folder = few_rows.abandoned(tmp_path_factory.mktemp("runs"), commits=3, rows=10)
-    seal_rows(folder)
+    seal_journal(folder)
     return folder
 
 
@@ -296,7 +301,7 @@ def open_trial(half_sealed: Path, home: Path, name: str, one: Altered) -> Path:
 
 
 def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
-    """A part altered, then recovered: the rows come from the live store, unchanged."""
+    """A part altered, then recovered: the rows come from the journal, unchanged."""
     data, count = (
         (half_sealed / name).read_bytes(),
         Count(f"half sealed run, {name} altered, then recovered"),
@@ -320,15 +325,15 @@ def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
 
 
 @pytest.mark.parametrize("place", ["cut", "footer", "gone"])
-def test_a_part_damaged_between_sealing_and_the_removal_of_the_live_store(
+def test_a_part_damaged_between_sealing_and_the_removal_of_the_journal(
     half_sealed: Path, tmp_path: Path, place: str
 ) -> None:
-    """A power loss at the very end: the manifest says sealed, the live store is there, and a part
+    """A power loss at the very end: the manifest says sealed, the journal is there, and a part
     never reached the disk.
     """
     trial = tmp_path / half_sealed.name
     shutil.copytree(half_sealed, trial)
-    live = {path: path.read_bytes() for path in trial.glob("live*")}
+    live = {path: path.read_bytes() for path in live_files(trial)}
     recover(trial)
     for path, kept in live.items():
         path.write_bytes(kept)
@@ -350,7 +355,7 @@ PARTS = [f"{table}/part-0000.parquet" for table in ("samples", "events")]
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_a_damaged_part_is_rebuilt_from_the_live_store(
+def test_a_damaged_part_is_rebuilt_from_the_journal(
     half_sealed: Path, tmp_path: Path, name: str
 ) -> None:
     assert rebuilt(half_sealed, tmp_path, name, long=False).lost == 0
@@ -359,7 +364,7 @@ def test_a_damaged_part_is_rebuilt_from_the_live_store(
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", PARTS)
-def test_a_part_damaged_everywhere_is_rebuilt_from_the_live_store(
+def test_a_part_damaged_everywhere_is_rebuilt_from_the_journal(
     half_sealed: Path, tmp_path: Path, name: str, counted: Callable[..., None]
 ) -> None:
     count = rebuilt(half_sealed, tmp_path, name, long=True)

@@ -16,25 +16,20 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
 from support import HERE as SUPPORT
 from support.faults.small_disk import small_disk
+from support.product import check_run, files_of_rows, read_manifest, recover_run
 from support.records import few_rows
 
 RECORDER = """
 import json, resource, sys, time
 from pathlib import Path
 from support.records import few_rows
-from jbclog.core.errors import RecordError
-from jbclog.record import store as keeping
-from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
+from support.product import RecordError, create_run, open_store, put
 
-keeping.RESERVE_BYTES = {reserve}
+put("store.RESERVE_BYTES", {reserve})
 told = []
-store = LiveStore(create_run(Path({out!r}), "bench", 0.0), told.append, seal_every_s=None)
+store = open_store(create_run(Path({out!r}), "bench", 0.0), told.append, seal_every_s=None)
 store.start()
 if {limit}:
     resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
@@ -78,16 +73,14 @@ def recorded(
 
 
 def test_files_that_may_not_grow_are_followed_by_new_ones(tmp_path: Path) -> None:
-    """SQLite sees a file size limit as an I/O error: the store continues in a new file, and nothing
-    is lost.
-    """
+    """The store continues in a new file, and nothing is lost."""
     folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=300_000)
     assert acknowledged == 30_000
     assert told == []
-    assert len(list(folder.glob("live*.sqlite"))) > 2
-    recover(folder)
+    assert len(files_of_rows(folder)) > 2
+    recover_run(folder)
     assert few_rows.sealed_numbers(folder) == list(range(30_000))
-    assert check(folder) == []
+    assert check_run(folder) == []
 
 
 def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was_acknowledged_stays(
@@ -96,7 +89,7 @@ def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was
     folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=20_000)
     assert len(told) == 1
     assert "the record is not whole" in told[0]
-    recover(folder)
+    recover_run(folder)
     assert few_rows.sealed_numbers(folder)[:acknowledged] == list(range(acknowledged))
     assert read_manifest(folder).exit_status == "lost"
 
@@ -114,7 +107,7 @@ def test_a_full_disk(tmp_path: Path, give_up: bool, counted: Callable[..., None]
         assert len(told) == 1
         assert "full" in told[0]
         assert 1000 < acknowledged < 200_000
-        recover(folder)
+        recover_run(folder)
         numbers = few_rows.sealed_numbers(folder)
         assert numbers[:acknowledged] == list(range(acknowledged))
         lost = read_manifest(folder).lost

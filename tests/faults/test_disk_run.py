@@ -20,14 +20,12 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
 from support.command import is_sampling, jbclog, until
 from support.faults.guarded import begun, only_run
 from support.faults.killed_run import folders
 from support.faults.small_disk import fill, small_disk, take_inodes
 from support.oracles.invariants import Ended, violations
+from support.product import MAIN, REFUSED_WITHOUT_INODES, check_run, read_manifest, recover_run
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
 
@@ -74,7 +72,7 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         assert "full" in said
         folder = only_run(out)
         filler.unlink()
-        recover(folder)
+        recover_run(folder)
         assert line.log is not None
         assert (
             violations(folder, heard_in(line.log, begin), ended=Ended(run.returncode, said)) == []
@@ -84,7 +82,7 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         assert "record.failed" in said_in(folder) or manifest.lost is not None
         jbclog("run", line.recipe, "--line", line.path, "--out", out, "-d", "1s", "-s", "dde-1")
         (again,) = folders(out) - {folder}  # nothing blocks the next run
-        assert (read_manifest(again).state, check(again)) == ("sealed", [])
+        assert (read_manifest(again).state, check_run(again)) == ("sealed", [])
 
 
 # of each process of a short run: the recorder, its guard, the child that seals
@@ -109,7 +107,7 @@ def failing(
     command = [
         sys.executable,
         "-c",
-        "from jbclog.cli import main; main()",
+        MAIN,
         "run",
         line.recipe,
         "--line",
@@ -127,7 +125,7 @@ def failing(
     )
     wrong = [] if line.at_work() == 0 else [f"unsafe: {line.at_work()} tools were left at work"]
     for folder in folders(out) - before:
-        recover(folder)
+        recover_run(folder)
         wrong += violations(
             folder, heard_in(line.log, begin), ended=Ended(run.returncode, run.stderr)
         )
@@ -212,7 +210,7 @@ def test_a_run_that_was_moved_is_finished_where_it_is(line: ServedLine, tmp_path
     assert run.returncode == 4, said
     assert said.splitlines()[-2:] == ["6 tools are in their safe state, as read back", NEXT_GONE]
     assert jbclog("recover", there).returncode == 5  # its tools were made safe after the move
-    assert check(there) == []
+    assert check_run(there) == []
 
 
 # -- no inodes -------------------------------------------------------------------------------------
@@ -225,10 +223,7 @@ NO_INODES = "no inodes left on the disk at {} (`df -i`); remove old files from i
     [
         (3, "{out} cannot hold a record"),
         (5, "{folder}/line.toml cannot be written"),
-        (9, "{folder}/live.lock cannot be opened"),
-        (10, "{folder}: no record can be written there"),
-        (11, "{folder}: no record can be written there"),  # SQLite's file
-        (13, "{folder}: no record can be written there"),  # its log's index
+        *REFUSED_WITHOUT_INODES,
     ],
 )
 def test_without_inodes_no_station_is_asked(
@@ -267,7 +262,7 @@ def test_inodes_that_run_out_during_a_run_are_named_once_and_recover_is_next(
         assert NO_INODES.format(disk) in again.stdout + again.stderr
         shutil.rmtree(fillers)
         assert jbclog("recover", folder).returncode == 0
-        assert check(folder) == []
+        assert check_run(folder) == []
 
 
 def test_on_a_disk_that_is_read_only_no_station_is_asked(line: ServedLine, tmp_path: Path) -> None:

@@ -17,16 +17,19 @@ from random import Random
 import pandas as pd
 import pytest
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.rows import COLUMN, StationFacts
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.session.run.context import StationTask
-from jbclog.session.run.lateness import SUSPENDED_S
-from jbclog.transport.virtual import Peer
 from support.command import jbclog
 from support.oracles.account import assert_account_holds
 from support.oracles.printed_omega import PageOmega
+from support.product import (
+    COLUMN,
+    SUSPENDED_S,
+    Peer,
+    StationFacts,
+    StationTask,
+    Steps,
+    check_run,
+    read_manifest,
+)
 from support.virtual.lines import line
 from support.virtual.served_line import ServedLine
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
@@ -377,4 +380,4 @@ def test_on_real_terminals_a_neighbour_bears_out_that_only_one_station_was_silen
     assert quality["dde-2"].get("disconnected", 0) == 0
     facts = {one.name: one for one in read_manifest(folder).stations}
     assert {name: one.skipped for name, one in facts.items()} == {"dde-1": 0, "dde-2": 0}
-    assert check(folder) == []
+    assert check_run(folder) == []

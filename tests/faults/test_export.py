@@ -14,17 +14,8 @@ import pytest
 
 from support.command import jbclog
 from support.faults.small_disk import small_disk
+from support.product import HALF_AN_EXPORT
 from support.records.sealed_run import samples, seal, station, table
-
-WAITING = """
-import sys, time
-from pathlib import Path
-from jbclog.app.export.place import written
-with written(Path(sys.argv[1])) as aside:
-    aside.write_text("half")
-    print("written", flush=True)
-    time.sleep(60)
-"""
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +47,7 @@ def test_a_killed_export_leaves_the_old_one_as_it_was(tmp_path: Path) -> None:
     out = tmp_path / "run.xlsx"
     out.write_text("the old one")
     with subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(out)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", HALF_AN_EXPORT, str(out)], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "written\n"

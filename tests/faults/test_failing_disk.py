@@ -1,8 +1,8 @@
 """A disk that fails at any single operation of the record, once or permanently: nothing wrong,
 nothing lost without a message.
 
-docs/reference/faults.md, F-23 to F-25. The failure is injected below the program, where SQLite and
-Arrow call the system (`failing_disk.c`), under runs on a virtual clock and under recoveries
+docs/reference/faults.md, F-23 to F-25. The failure is injected below the program, where the store
+and Arrow call the system (`failing_disk.c`), under runs on a virtual clock and under recoveries
 (`failing_run.py`). After each: the tools were ordered to stand, rows are as written, acknowledged
 ones are all there, missing ones are reported, one recovery is enough, I1 to I9 hold, and the next
 run beside it starts. `test_disk_run.py` has real disks that are full, read-only or gone.

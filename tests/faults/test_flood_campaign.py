@@ -25,13 +25,11 @@ from typing import Final
 import pandas as pd
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.sim.process import SimProcess
 from support.campaigns.awaited import NOT_STARTED
 from support.command import WireLog
 from support.links.flooders import Flooded, Flooders
 from support.links.flooding import SHAPES
+from support.product import MAIN, SimProcess, check_run, read_manifest
 from support.virtual.lines import line
 from support.virtual.virtual_run import RECIPE
 
@@ -125,7 +123,7 @@ def _recorded(folder: Path, case: Case) -> tuple[Path, float, float]:
     command = [
         sys.executable,
         "-c",
-        "from jbclog.cli import main; main()",
+        MAIN,
         "run",
         str(folder / "recipe.toml"),
     ]
@@ -147,7 +145,7 @@ def _recorded(folder: Path, case: Case) -> tuple[Path, float, float]:
 
 
 def _outcome(case: Case, names: list[str], folder: Path, ended_s: float, peak_mb: float) -> Outcome:
-    assert check(folder) == []
+    assert check_run(folder) == []
     samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
     others = samples[~samples["station"].isin(names[: case.flooders])]
     last = others["time"].max()

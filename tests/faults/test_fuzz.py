@@ -12,11 +12,9 @@ from __future__ import annotations
 import math
 import os
 import shutil
-import sqlite3
 import time
-import zlib
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from functools import reduce
@@ -34,7 +32,6 @@ from jbclog.config.load_recipe import parse_recipe
 from jbclog.config.recipe_settings import settings_for, station_settings_for
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.json_files import json_of
-from jbclog.core.rows import TABLES
 from jbclog.core.serial_line import BAUDRATES
 from jbclog.core.toml import MAX_PROBLEMS
 from jbclog.guard.lease import NAME as LEASE
@@ -43,27 +40,16 @@ from jbclog.protocol import omega
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.frame import MOST_HELD, Frame, FrameReader
 from jbclog.record import conclude
-from jbclog.record.capture import (
-    Hole,
-    count_rows,
-    is_done,
-    mend,
-    read_head,
-    read_to_hole,
-    rows_and_holes,
-    wire_path,
-)
-from jbclog.record.capture_file import packed
 from jbclog.record.check import check
+from jbclog.record.damage import read_damage
 from jbclog.record.find_runs import find
+from jbclog.record.frames import FRAME, MARK
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import RunState, manifest_text, read_manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.sealed_files import losses
-from jbclog.record.store_reader import StoreReader
-from support.faults.mutations import CORPUS, JUNK, altered, cases, corpus, json_cases
-from support.links.small_wire import ROWS
-from support.records import few_rows
+from jbclog.record.segments import segments
+from support.faults.mutations import CORPUS, altered, cases, corpus, json_cases
+from support.records import few_rows, journals
 
 MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
 
@@ -276,183 +262,35 @@ def lease(data: bytes, folder: Path) -> None:
     assert {station.name for station in stations} <= {*conclude.left_leases(folder)}
 
 
-# -- the serial capture: RecordError, or rows in order, the missing ones reported ------------------
+# -- the journal: rows as written, each once, the missing ones reported ----------------------------
 
-BLOCK_WORDS = (
-    b"\x1f\x8b\x08\x04",
-    b"JW",
-    b"\t",
-    b"run",
-    b"told\task",
-    b"1e999",
-    b"nan",
-    b"-1",
-    b"\n",
-    b'"',
-    b"{",
-    b"sent\t0",
-    b"\\ud800",
-)
-
-
-def capture(data: bytes, folder: Path) -> None:
-    rows = _looked(data, folder)
-    left = iter(ROWS)
-    assert all(row in left for row in rows)
-    if rows != ROWS:
-        path = wire_path(folder, "dde-1")
-        assert list(losses(path)) or not is_done(path)
-
-
-def _looked(data: bytes, folder: Path) -> list[Any]:
-    path = wire_path(folder, "dde-1")
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data)
-    found: list[Any] = []
-    for look in (
-        read_head,
-        lambda path: found.extend(rows_and_holes(path)),
-        lambda path: [*read_to_hole(path)],
-    ):
-        with suppress(RecordError):
-            look(path)
-    assert all("\n" not in told for told in losses(path))
-    count = count_rows(path)
-    rows = [row for row in found if not isinstance(row, Hole)]
-    assert count >= len(rows)
-    assert all(math.isfinite(row.at_s) for row in rows)
-    mend(path)
-    assert count_rows(path) == count
-    return rows
-
-
-def _texts() -> st.SearchStrategy[bytes]:
-    return cases(corpus("capture_text"), BLOCK_WORDS)
-
-
-def capture_text(data: bytes, folder: Path) -> None:
-    """Lines of somebody who knows the checksums: rows, or a sentence."""
-    text = data.decode(errors="replace")
-    half = text.find("\n", len(text) // 2) + 1
-    head = zlib.crc32(text.split("\n")[1].encode() + b"\n") if text.count("\n") > 1 else 0
-    first = packed(text[:half], 0, 1, head)
-    _looked(first + packed(text[half:], 1, 1 + text[:half].count("\n"), head), folder)
-
-
-# -- the live store: RecordError, or rows as written, the missing ones reported --------------------
-
-STORE_ROWS = 30
-
-
-def _abandoned(folder: Path, *, in_pages: bool) -> Path:
-    """A run that was cut off; made once per folder."""
-    place = folder / f"whole-{in_pages}"
-    if not place.exists():
-        few_rows.abandoned(place, commits=3, rows=STORE_ROWS // 3, in_pages=in_pages)
-    (run,) = place.iterdir()
-    return run
+JOURNAL_ROWS = 30
 
 
 def _seeds_of_alterations() -> st.SearchStrategy[Any]:
     return st.tuples(st.integers(0, 2**32), st.integers(1, 6))
 
 
-def _copied(folder: Path, *, in_pages: bool = True) -> Path:
-    run = _abandoned(folder, in_pages=in_pages)
+def journal(case: Any, folder: Path) -> None:
+    """Altered bytes in one of two segments."""
+    rng, whole = Random(case[0]), folder / "whole"
+    if not whole.exists():
+        whole.mkdir()
+        journals.journal(whole, [[(JOURNAL_ROWS // 6, 1)] * 3] * 2)
+    (run,) = whole.iterdir()
     copy = folder / "copy" / run.name
     shutil.rmtree(copy.parent, ignore_errors=True)
     shutil.copytree(run, copy)
-    return copy
-
-
-def store(case: Any, folder: Path) -> None:
-    """Altered bytes in the file or its log: the remaining rows are as written, and each loss is
-    reported.
-    """
-    rng = Random(case[0])
-    name = rng.choice(("live.sqlite", "live.sqlite", "live.sqlite-wal"))
-    path = (run := _copied(folder, in_pages=name == "live.sqlite")) / name
+    path = rng.choice(segments(copy))
     data = path.read_bytes()
-    path.write_bytes(altered(data, [data], [b"\xff" * 8, b"batch", b"CREATE VIEW"], rng, case[1]))
-    try:
-        with StoreReader(run) as stock:
-            numbers = [number for table in TABLES for number in stock.numbers_of(table, 0)]
-            rows = [
-                row
-                for table in stock.tables(numbers)
-                if "tick" in table.column_names
-                for row in table["tick"].to_pylist()
-            ]
-            damaged = [str(one) for one in stock.damage]
-    except RecordError:
-        return
-    assert set(rows) <= {*range(STORE_ROWS)}
-    recover(run)
-    sealed = few_rows.sealed_numbers(run)  # each row is as written
-    assert sealed == sorted(set(rows))
-    lost = read_manifest(run).lost
-    assert lost is not None
-    assert (
-        len(sealed) == STORE_ROWS
-        or damaged
-        or lost.seconds_at_most is None
-        or lost.seconds_at_most > 0
-    )
-
-
-def store_rows(case: Any, folder: Path) -> None:
-    """Rows of somebody who knows the checksums: sealed unchanged, or left out; never another error,
-    and no row twice.
-    """
-    rng, run = Random(case[0]), _copied(folder)
-    with closing(sqlite3.connect(run / "live.sqlite", isolation_level=None)) as database:
-        for _ in range(case[1]):
-            _forge(database, rng)
-    with suppress(RecordError):
-        recover(run)
-        check(run)
-
-
-def _forge(database: sqlite3.Connection, rng: Random) -> None:
-    junk = rng.choice(
-        [one for one in JUNK if isinstance(one, str | int | float | None) and one != "\ud800"]
-    )
-    if rng.random() < 0.5:
-        kind, key, text = rng.choice(
-            database.execute("SELECT kind, key, text FROM note").fetchall()
-        )
-        column = rng.choice(("kind", "key", "text"))
-        new = {"kind": kind, "key": key, "text": text} | {column: str(junk)}
-        if column == "text" and str(text).startswith("{"):
-            new["text"] = altered(
-                str(text).encode(), [b"[]", b"null"], [b"1e300", b"-1", b'"', b"{}"], rng, 2
-            ).decode(errors="replace")
-        crc = zlib.crc32(f"{new['kind']} {new['key']} {new['text']}".encode(errors="replace"))
-        database.execute("DELETE FROM note WHERE kind = ? AND key = ?", (kind, key))
-        database.execute(
-            "INSERT OR REPLACE INTO note VALUES (?, ?, ?, ?)",
-            (new["kind"], new["key"], new["text"], crc),
-        )
-        return
-    number, name, rows, data = rng.choice(
-        database.execute("SELECT number, name, rows, data FROM batch").fetchall()
-    )
-    new = {"number": number, "name": name, "rows": rows, "data": data}
-    column = rng.choice([*new])
-    new[column] = {
-        "number": rng.choice((0, -1, number + 1, 10**6, 2**62)),
-        "name": rng.choice((*TABLES, "x", "../x")),
-        "rows": rng.choice((0, -1, 1, 2**40)),
-        "data": altered(data, [data], [b"\xff" * 8, b"\0" * 8], rng, 3),
-    }[column]
-    crc = zlib.crc32(
-        new["data"], zlib.crc32(f"{new['number']} {new['name']} {new['rows']}".encode())
-    )
-    database.execute("DELETE FROM batch WHERE number = ?", (number,))
-    database.execute(
-        "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)",
-        (new["number"], new["name"], new["rows"], crc, new["data"]),
-    )
+    words = [FRAME, MARK, b"\xff" * 8, b"\0" * 8]
+    path.write_bytes(altered(data, [data], words, rng, case[1]))
+    recover(copy)
+    rows = few_rows.sealed_numbers(copy)  # each row is as written, and there once
+    assert set(rows) <= {*range(JOURNAL_ROWS)}
+    if rows != [*range(len(rows))]:  # what is missing is not the end
+        assert read_damage(copy)
+        assert read_manifest(copy).lost is not None
 
 
 # -- line and recipe files: Problems with sentences that can be shown, or values within their limits
@@ -573,10 +411,7 @@ TARGETS = [
     Target("manifest", _manifests, manifest, 2.0, 60),
     Target("changed_manifest", _seeds_of_alterations, changed_manifest, 2.0, 30),
     Target("lease", _leases, lease, 0.5, 150),
-    Target("capture", lambda: cases(corpus("capture"), BLOCK_WORDS), capture, 2.0, 60),
-    Target("capture_text", _texts, capture_text, 2.0, 60),
-    Target("store", _seeds_of_alterations, store, 5.0, 5),
-    Target("store_rows", _seeds_of_alterations, store_rows, 5.0, 5),
+    Target("journal", _seeds_of_alterations, journal, 5.0, 8),
     Target("line", lambda: _tomls("line"), line, 1.0, 60),
     Target("recipe", lambda: _tomls("recipe"), recipe, 1.0, 60),
 ]

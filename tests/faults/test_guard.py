@@ -19,14 +19,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.watch import HUNG_S
-from jbclog.protocol.commands.status import EXTRACTOR, STAND
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.record.recover import recover
-from jbclog.session.safety.secure import ALLOWED_S
 from support import program
 from support.command import until
 from support.faults import slow_disk
@@ -43,6 +35,20 @@ from support.faults.guarded import (
     only_run,
     running,
     told_after,
+)
+from support.product import (
+    EXTRACTOR,
+    GUARD_DOES_NOT_START,
+    LEASES_FILE,
+    MAIN,
+    RECORDER_HUNG_S,
+    SECURE_ALLOWED_S,
+    STAND,
+    Manifest,
+    check_run,
+    open_run,
+    read_manifest,
+    recover_run,
 )
 from support.virtual.served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
@@ -68,8 +74,8 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
 
 def recovered(folder: Path) -> Manifest:
     """Return the manifest of a run that was cut off; `recover` and `check` agree about it."""
-    recover(folder)
-    assert check(folder) == []
+    recover_run(folder)
+    assert check_run(folder) == []
     return read_manifest(folder)
 
 
@@ -111,7 +117,7 @@ def struck(
     assert {state for facts in manifest.stations for state in facts.safe_state.values()} <= {
         "verified"
     }
-    assert not (only_run(out) / LEASE).exists()
+    assert not (only_run(out) / LEASES_FILE).exists()
     return seconds, fed
 
 
@@ -148,7 +154,7 @@ def test_a_feeder_that_runs_is_stopped_first(line: ServedLine, tmp_path: Path) -
         line, tmp_path, signal.SIGKILL, lambda passed: passed > 10 or line.motor("ale-1")
     )
     assert fed
-    assert 0 < seconds < HUNG_S
+    assert 0 < seconds < RECORDER_HUNG_S
 
 
 @pytest.mark.campaign
@@ -195,7 +201,7 @@ def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stan
         finally:
             run.kill()
         folder = only_run(tmp_path / "runs")
-        assert until(lambda: not (folder / LEASE).exists())
+        assert until(lambda: not (folder / LEASES_FILE).exists())
         by_port = {
             port: [order.value for order in line.orders(blow.at) if order.port == port]
             for port in (1, 2, 3, 4)
@@ -206,7 +212,7 @@ def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stan
     assert {port: values[-2:] for port, values in by_port.items()} == {
         port: [EXTRACTOR, STAND] for port in (1, 2, 3, 4)
     }
-    assert orders[-1].at - orders[0].at < ALLOWED_S
+    assert orders[-1].at - orders[0].at < SECURE_ALLOWED_S
     assert orders[-1].at - blow.at < TOLD_S
     recovered(folder)
     texts = list(open_run(folder).events().query("kind == 'safety.safe_state'")["text"])
@@ -255,7 +261,7 @@ def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
                 lambda: (
                     line.orders()
                     and (tmp_path / "runs").exists()
-                    and (only_run(tmp_path / "runs") / LEASE).exists()
+                    and (only_run(tmp_path / "runs") / LEASES_FILE).exists()
                 )
             )
             time.sleep(1.0)
@@ -263,7 +269,7 @@ def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
             ended(run)
         finally:
             run.kill()
-        assert until(lambda: not (only_run(tmp_path / "runs") / LEASE).exists())
+        assert until(lambda: not (only_run(tmp_path / "runs") / LEASES_FILE).exists())
         assert {order.value for order in line.orders(blow.at)} == {word}
 
 
@@ -281,7 +287,7 @@ def assert_left_alone(
     folder = only_run(out)
     assert {"guard.took_over", "guard.lost"} & set(events(folder)) == set()
     assert read_manifest(folder).guard == "on"
-    assert check(folder) == []
+    assert check_run(folder) == []
 
 
 @contextmanager
@@ -336,7 +342,7 @@ def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(
     command = [
         sys.executable,
         "-c",
-        "from jbclog.cli import main; main()",
+        MAIN,
         "run",
         line.recipe,
         "--line",
@@ -347,6 +353,7 @@ def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(
         stdout=subprocess.PIPE,
         stderr=stderr,
         text=True,
+        process_group=0,  # in an orphaned group, as that of a job in CI, nothing is stopped
     )
     os.close(stderr)
     try:
@@ -354,7 +361,7 @@ def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(
         run.send_signal(signal.SIGTSTP)  # Ctrl-Z
         run.send_signal(signal.SIGTTOU)
         with busy():
-            time.sleep(HUNG_S + 0.5)
+            time.sleep(RECORDER_HUNG_S + 0.5)
         assert line.at_work() == TOOLS
         run.terminate()
         assert until(lambda: read_manifest(only_run(tmp_path)).state == "sealed")
@@ -364,7 +371,7 @@ def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(
     finally:
         run.kill()
         run.communicate()
-    assert check(only_run(tmp_path)) == []
+    assert check_run(only_run(tmp_path)) == []
 
 
 @pytest.mark.campaign
@@ -440,15 +447,11 @@ def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(
 
 
 def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Path) -> None:
-    code = (
-        "import shutil, types; from jbclog.cli import main; from jbclog.guard import supervisor; "
-    )
-    code += "supervisor.sys = types.SimpleNamespace(executable=shutil.which('false')); main()"
     command, before = (
         [
             sys.executable,
             "-c",
-            code,
+            GUARD_DOES_NOT_START,
             "run",
             line.recipe,
             "--line",
@@ -494,14 +497,14 @@ def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(
     assert list(safe) == ["stop_feeding", "status"]
     assert run.returncode == 4, run.stderr
     folder = only_run(tmp_path)
-    assert check(folder) == []
+    assert check_run(folder) == []
     assert [kind for kind in events(folder) if kind in ("run.failed", "guard.took_over")] == [
         "run.failed",
         "guard.took_over",
     ]
     (ale,) = (facts for facts in read_manifest(folder).stations if facts.name == "ale-1")
     assert ale.safe_state == {1: "verified"}
-    assert not (folder / LEASE).exists()
+    assert not (folder / LEASES_FILE).exists()
 
 
 def test_the_first_process_of_a_container_says_that_its_guard_ends_with_it(
@@ -517,7 +520,7 @@ def test_the_first_process_of_a_container_says_that_its_guard_ends_with_it(
         *apart,
         sys.executable,
         "-c",
-        "from jbclog.cli import main; main()",
+        MAIN,
         "run",
         line.recipe,
         "--line",

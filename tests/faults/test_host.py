@@ -24,22 +24,30 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.sim.port import WORKING
 from support import program
 from support.campaigns.awaited import CLOCK_STEPPED, INTERNAL_ERROR
 from support.command import is_sampling, jbclog, until
 from support.faults.guarded import full_pipe
 from support.invoked import invoked
 from support.oracles.invariants import Ended, violations
+from support.product import (
+    LOOKS_AT_PORTS_OFTEN,
+    MAIN,
+    SETTLES_SLOWLY,
+    SHOWING_FAILS,
+    SIM_WORKING,
+    Manifest,
+    check_run,
+    open_run,
+    patch,
+    read_manifest,
+)
 from support.records import few_rows
 from support.records.small_run import make_run
 from support.virtual.served_line import RECIPE, Order, ServedLine
 from support.virtual.station_log import heard_in
 
-PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
+PROGRAM = [sys.executable, "-c", MAIN]
 ODD = program("faults.odd_host")
 RATE_HZ = 2  # fits, however late answers are on this machine
 SOON_S = 60.0  # other tests share the processors
@@ -145,7 +153,7 @@ class Run:
 def _is_at_work(line: ServedLine, name: str) -> bool:
     ports = line.stations[name].plant.ports.values()
     return any(
-        port.tool and port.doing.state == WORKING and not port.doing.extractor for port in ports
+        port.tool and port.doing.state == SIM_WORKING and not port.doing.extractor for port in ports
     )
 
 
@@ -395,14 +403,7 @@ def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(
 ) -> None:
     """Making old tools safe can take seconds, before this run's record begins."""
     there = tmp_path / "there"
-    slow = (
-        "import time, pathlib, jbclog.app.run.recorder as c; old = c.settle; there ="
-        f" pathlib.Path({str(there)!r}); "
-    )
-    slow += (
-        "c.settle = lambda *a: there.touch() or time.sleep(1.0) or old(*a); from jbclog.cli import"
-        " main; main()"
-    )
+    slow = SETTLES_SLOWLY.format(there=str(there))
     run = start("dde-1", program=[sys.executable, "-c", slow])
     assert until(there.exists, SOON_S)
     assert run.end(signal.SIGTERM) == 143, run.said
@@ -443,7 +444,7 @@ def recovered_under(folder: Path, numbers: list[signal.Signals], moments: list[f
     assert process.returncode in (0, 130, -signal.SIGINT, -signal.SIGTERM, -signal.SIGHUP), said
     again = jbclog("recover", folder)
     assert again.returncode == 0, again.stderr
-    assert check(run) == []
+    assert check_run(run) == []
     assert few_rows.sealed_numbers(run) == list(range(12_000))
     return process.returncode
 
@@ -631,11 +632,7 @@ def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothi
     start: Start,
 ) -> None:
     """It takes bytes meant for the run: answers are lost, none is invented."""
-    soon = (
-        "import jbclog.app.run.recorder as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import"
-        " main; main()"
-    )
-    run = start("ucr-1", program=[sys.executable, "-c", soon])
+    run = start("ucr-1", program=[sys.executable, "-c", LOOKS_AT_PORTS_OFTEN])
     assert until(run.samples, SOON_S)
     device = os.open(run.line.url("ucr-1"), os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
     thief = subprocess.Popen(
@@ -661,17 +658,10 @@ def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothi
 
 # -- viewers (docs/reference/faults.md, F-47) ------------------------------------------------------
 
-HOOKS = ("begun", "happened", "second", "sealing", "close")
-
 
 @pytest.mark.campaign
 def test_whatever_fails_in_showing_a_run_is_counted_and_no_fault_of_it(start: Start) -> None:
-    fail = "import jbclog.cli.progress as p\ndef fail(*_): raise ValueError('a fault of its own')\n"
-    fail += (
-        "".join(f"p.Lines.{name} = fail\n" for name in HOOKS)
-        + "from jbclog.cli import main; main()"
-    )
-    run = start("ucr-1", program=[sys.executable, "-c", fail], duration="1s")
+    run = start("ucr-1", program=[sys.executable, "-c", SHOWING_FAILS], duration="1s")
     assert run.end(None) == 0, run.said
     assert run.wrong() == []
     (missed,) = run.events("notes.missed")["value"]
@@ -686,7 +676,7 @@ def test_a_report_that_fails_changes_nothing_of_the_record(
 
     folder = make_run(tmp_path, seconds=2.0)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    monkeypatch.setattr("jbclog.report.write.gather", fail)
+    patch(monkeypatch, "report.gather", fail)
     ended = invoked("report", folder)
     assert ended.exit_code == 1
     assert INTERNAL_ERROR in ended.stderr

@@ -28,8 +28,7 @@ from jbclog.protocol.frame import Frame
 from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.folder import create_run
-from jbclog.record.manifest import DIGEST, END, NAME, read_manifest
-from jbclog.record.manifest_counts import LONGEST_NAME
+from jbclog.record.manifest import DIGEST, END, LONGEST_NAME, NAME, read_manifest
 from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from support.campaigns.awaited import INTERNAL_ERROR
@@ -171,7 +170,7 @@ OPTIONS = (
     "--wire-lot",
     "--tip",
 )
-VERBS = ("check", "report", "recover", "annotate", "replay", "sim", "scan", "safe", "runs")
+VERBS = ("check", "report", "recover", "annotate", "sim", "scan", "safe", "runs")
 
 
 def pairs(places: Sequence[str], *, whole: bool) -> Iterator[tuple[str, str]]:
@@ -375,7 +374,7 @@ def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more:
     return text.removesuffix(END.decode()) + DIGEST % sha256(text.encode()).hexdigest()
 
 
-KEPT = ("files", "started", "ended")
+KEPT = ("files", "start", "stop")
 """Parts of a foreign manifest without which it would be read as none."""
 
 

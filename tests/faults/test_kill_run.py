@@ -24,9 +24,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
 from support import program
 from support.campaigns.awaited import SEALING_CHILD_ENDED
 from support.command import until
@@ -41,6 +38,7 @@ from support.faults.killed_run import (
     told_late,
 )
 from support.oracles.invariants import Ended, violations
+from support.product import MAIN, SEALING_PROCESS, check_run, read_manifest, recover_run
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
 
@@ -48,7 +46,7 @@ SEED = random.randrange(1 << 32)
 LEAST_STEPS = 20  # in every recovery
 DURATION_S = 2.0
 LATEST_S = {"start": 1.5, "questions": DURATION_S + 1.5}
-PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
+PROGRAM = [sys.executable, "-c", MAIN]
 
 
 @dataclass
@@ -111,9 +109,9 @@ class Series:
                 else [*late, f"it ended by itself, without a record: {death.said}"]
             )
         kept = keepsake(death.folder, self.home / "copies")
-        recover(death.folder)
+        recover_run(death.folder)
         once = crash.contents(death.folder)
-        recover(death.folder)
+        recover_run(death.folder)
         again = (
             []
             if crash.contents(death.folder) == once
@@ -218,14 +216,14 @@ def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
         series.command(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     try:
-        assert until(lambda: _kill_child(run.pid, b"jbclog.record.seal"), 30, 0.002)
+        assert until(lambda: _kill_child(run.pid, SEALING_PROCESS), 30, 0.002)
     finally:
         _, said = run.communicate(timeout=200)
     (folder,) = killed_run.folders(series.out)
     assert run.returncode == 4, said
     assert f"{SEALING_CHILD_ENDED} -9" in said
     kept = keepsake(folder, series.home / "copies")
-    recover(folder)
+    recover_run(folder)
     assert differences(kept, sealed_rows(folder)) == []
     found = violations(folder, heard_in(series.line.log, begin), ended=Ended(run.returncode, said))
     assert found == []
@@ -251,7 +249,7 @@ def cut_off(
     death = killed([*series.command(), "--capture"], series.out, _Moment(line, "questions", 2.5))
     assert death.folder is not None
     copy = Path(shutil.copytree(death.folder, home / "copy" / death.folder.name))
-    recover(copy)
+    recover_run(copy)
     return death.folder, sealed_rows(copy)
 
 
@@ -270,10 +268,10 @@ def recover_killed(
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200)
         killed_it = done.returncode == -signal.SIGKILL
         assert killed_it or done.returncode in (0, 4, 5), done.stderr
-        recover(folder)
+        recover_run(folder)
         once = crash.contents(folder)
-        recover(folder)
-        assert (sealed_rows(folder), check(folder), crash.contents(folder)) == (
+        recover_run(folder)
+        assert (sealed_rows(folder), check_run(folder), crash.contents(folder)) == (
             expected,
             [],
             once,

@@ -17,14 +17,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog import open_run
-from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import StationLease, read_leases, registered_runs, write_leases
-from jbclog.guard.open_leases import settle
-from jbclog.record.annotations import read
-from jbclog.record.check import check
-from jbclog.record.guard_actions import ACTION_LOG as DIARY
-from jbclog.record.manifest import read_manifest
 from support.campaigns.awaited import LEFT_HOT_NOTED
 from support.command import jbclog, until
 from support.faults.guarded import (
@@ -38,6 +30,19 @@ from support.faults.guarded import (
     told_after,
 )
 from support.faults.small_disk import small_disk
+from support.product import (
+    LEASES_FILE,
+    RECORDED_ACTION_LOG,
+    StationLease,
+    check_run,
+    open_run,
+    read_annotations,
+    read_leases,
+    read_manifest,
+    registered_runs,
+    settle_leases,
+    write_leases,
+)
 from support.virtual.served_line import ServedLine
 
 pytestmark = pytest.mark.usefixtures("own_state")
@@ -79,7 +84,7 @@ def was_read(folder: Path) -> int:
 
 def annotated(folder: Path) -> list[tuple[str, str]]:
     """Return author and kind of each annotation of a sealed run."""
-    return sorted({(said.who, said.kind) for said in read(folder).said})
+    return sorted({(said.who, said.kind) for said in read_annotations(folder).said})
 
 
 def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_folder(
@@ -92,7 +97,7 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
     assert all("it may be hot" in text for text in tools)
     assert any("Last read 3" in text and "°C, working at" in text for text in tools)
     assert read_manifest(left_hot).exit_code == 5
-    assert check(left_hot) == []
+    assert check_run(left_hot) == []
     now, out = time.monotonic(), tmp_path / "another"
     again = jbclog(
         "run",
@@ -112,7 +117,7 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
     first = {(order.station, order.port): order for order in reversed(line.orders(now))}
     assert all(order.is_safe for order in first.values())
     assert first.keys() == {("dde-1", 1), ("dde-1", 2), ("ale-1", 0), ("ale-1", 1)}
-    new = Path(json.loads(again.stdout)["run"])
+    new = Path(json.loads(again.stdout)["folder"])
     left = pd.read_parquet(new / "events").set_index("kind").loc["guard.left_over"]
     assert (
         left["text"]
@@ -125,7 +130,7 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
         ("jbclog run", "guard.left_over"),
         ("jbclog run", "safety.safe_state"),
     ]
-    assert check(left_hot) == []  # the sealed run is unchanged
+    assert check_run(left_hot) == []  # the sealed run is unchanged
 
 
 @pytest.mark.campaign
@@ -135,14 +140,14 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     assert done.returncode == 0, done.stderr
     assert line.at_work() == 0
     assert f"run {left_hot} {LEFT_HOT_NOTED}" in done.stderr
-    assert not (left_hot / LEASE).exists()
+    assert not (left_hot / LEASES_FILE).exists()
     assert registered_runs() == ([], [])
     assert annotated(left_hot) == [
         ("jbclog safe", "guard.left_over"),
         ("jbclog safe", "safety.safe_state"),
     ]
-    assert len(read(left_hot).said) == TOOLS + 1
-    assert check(left_hot) == []
+    assert len(read_annotations(left_hot).said) == TOOLS + 1
+    assert check_run(left_hot) == []
     assert jbclog("recover", left_hot).returncode == 0
 
 
@@ -174,7 +179,7 @@ def test_a_run_on_a_disk_that_is_not_mounted_is_named(tmp_path: Path) -> None:
     assert (tmp_path / "disk").is_dir()
     ((away, why),) = registered_runs().away
     assert (away, "is not there, and its disk may not be mounted" in why) == (folder, True)
-    (left,) = settle(tmp_path, ["/dev/ttyX"], lambda _: False)
+    (left,) = settle_leases(tmp_path, ["/dev/ttyX"], lambda _: False)
     assert not left.is_safe
     assert "whether run run left tools hot is not known" in left.text
 
@@ -213,10 +218,10 @@ def test_what_was_done_is_written_down_although_the_disk_is_full(
             blow = Blow.strike(run, signal.SIGKILL)
             ended(run)
         assert told_after(line, began, blow) > 0
-        assert (folder / DIARY).read_text().count("safety.safe_state") == TOOLS
+        assert (folder / RECORDED_ACTION_LOG).read_text().count("safety.safe_state") == TOOLS
         ballast.unlink()
         assert jbclog("recover", folder).returncode == 0
         assert events(folder).count("safety.safe_state") == TOOLS
         assert "guard.took_over" in events(folder)
-        assert check(folder) == []
+        assert check_run(folder) == []
     counted(deaths_on_a_full_disk=trials, take_overs_untold=0, tools_left_hot=0)

@@ -23,15 +23,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.errors import Unsafe
-from jbclog.core.states import SafetyResult
-from jbclog.guard.action_log import NAME as ACTION_LOG
-from jbclog.guard.continuity import MOST_ORDERS, ORDER_FOR_S, PROVEN_FOR_S
-from jbclog.protocol.commands.status import EXTRACTOR
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
-from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING
-from jbclog.sim.virtual import Reply
 from support.command import is_sampling, jbclog, recipe_text, started, until
 from support.faults.guarded import (
     ON_THE_WIRE_S,
@@ -43,6 +34,22 @@ from support.faults.guarded import (
     ended,
     guard_of,
     only_run,
+)
+from support.product import (
+    ACTION_LOG_FILE,
+    EXTRACTOR,
+    MOST_ORDERS,
+    ORDER_FOR_S,
+    PROVEN_FOR_S,
+    SIM_HIBERNATION,
+    SIM_SLEEP,
+    SIM_STAND,
+    SIM_WORKING,
+    Reply,
+    SafetyResult,
+    UnsafeError,
+    read_manifest,
+    recover_run,
 )
 from support.virtual.served_line import LINE, RECIPE, ServedLine
 
@@ -118,7 +125,7 @@ def ended_guard(guard: int) -> Iterator[None]:
 
 def problems(folder: Path) -> dict[str, str]:
     """The last critical sentence about each tool, as in the guard's log."""
-    rows = map(json.loads, filter(None, (folder / ACTION_LOG).read_text().splitlines()))
+    rows = map(json.loads, filter(None, (folder / ACTION_LOG_FILE).read_text().splitlines()))
     return {
         f"{row['station']} port {row['port']}": row["text"]
         for row in rows
@@ -157,17 +164,17 @@ def test_every_tool_is_ordered_to_stand_at_most_three_times_and_none_is_called_s
     assert [order for order in orders if not order.is_safe] == []
     counts = Counter((order.station, order.port) for order in orders)
     assert {*counts.values()} <= {MOST_ORDERS, MOST_ORDERS - 1}  # the first may come at once
-    recovery = recover(folder)
+    recovery = recover_run(folder)
     manifest = read_manifest(folder)
     assert not recovery.is_safe
-    assert manifest.exit_code == Unsafe.exit_code
+    assert manifest.exit_code == UnsafeError.exit_code
     states = [state for facts in manifest.stations for state in facts.safe_state.values()]
     assert states == [SafetyResult.SENT] * TOOLS
     assert f"stand was ordered {MOST_ORDERS} times, not confirmed" in str(manifest.stations)
 
 
 @pytest.mark.parametrize(
-    "state", [SLEEP, HIBERNATION, STAND], ids=["sleep", "hibernation", "stand"]
+    "state", [SIM_SLEEP, SIM_HIBERNATION, SIM_STAND], ids=["sleep", "hibernation", "stand"]
 )
 def test_a_tool_that_rests_is_not_ordered(tmp_path: Path, state: int) -> None:
     """The recipe leaves the tools as they are: all at work but one."""
@@ -175,7 +182,7 @@ def test_a_tool_that_rests_is_not_ordered(tmp_path: Path, state: int) -> None:
     recipe = RECIPE.replace('status = "working"\n', "").replace("= 350", "= 340")
     with ServedLine(tmp_path / "line", recipe=recipe) as line:
         for port in line.tools():
-            port.order(WORKING, False)
+            port.order(SIM_WORKING, False)
         resting = line.stations["ucr-1"].plant.ports[1]
         resting.order(state, False)
         run = at_work(line, tmp_path / "runs", TOOLS - 1)
@@ -198,9 +205,9 @@ def test_a_tool_that_rests_is_not_woken_where_all_answer(tmp_path: Path) -> None
     recipe = RECIPE.replace('status = "working"\n', "").replace("= 350", "= 340")
     with ServedLine(tmp_path / "line", recipe=recipe) as line:
         for port in line.tools():
-            port.order(WORKING, False)
+            port.order(SIM_WORKING, False)
         resting = line.stations["dde-1"].plant.ports[1]
-        resting.order(SLEEP, False)
+        resting.order(SIM_SLEEP, False)
         run = at_work(line, tmp_path / "runs", TOOLS - 1)
         assert until(lambda: is_sampling(tmp_path / "runs"))
         time.sleep(1.5)
@@ -208,7 +215,7 @@ def test_a_tool_that_rests_is_not_woken_where_all_answer(tmp_path: Path) -> None
         ended(run)
         assert line.at_work() == 0
         orders = {(order.station, order.port) for order in line.orders(blow.at)}
-        assert resting.doing.state == SLEEP
+        assert resting.doing.state == SIM_SLEEP
     assert ("dde-1", 2) in orders
     assert ("dde-1", 1) not in orders
 
@@ -404,7 +411,7 @@ def test_safe_beside_the_guard_takes_little_longer_than_on_free_ports(
         beside_guard_s = safe_s(line)
     ended(run)
     for tool in line.tools():
-        tool.order(WORKING, False)
+        tool.order(SIM_WORKING, False)
     free_s = safe_s(line)
     assert beside_guard_s <= free_s + SAFE_LATER_S
     assert line.at_work() == 0

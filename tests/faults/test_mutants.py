@@ -5,9 +5,7 @@ repositories of its own, what it measures, tries and reports, and that a signal 
 from __future__ import annotations
 
 import ast
-import json
 import os
-import random
 import subprocess
 import sys
 from pathlib import Path
@@ -19,22 +17,16 @@ from support.campaigns import mutants
 from support.command import until
 
 
-@pytest.mark.parametrize(
-    ("name", "package"),
-    [(name, package) for name in ("safety", "layers") for package in mutants.SCOPES[name].packages],
-)
-def test_mutants_of_the_product_can_be_loaded_and_are_the_same_each_time(
-    name: str, package: str
-) -> None:
-    scope = mutants.SCOPES[name]
-    assert all((mutants.HERE / test).exists() for test in scope.tests)
-    chosen = mutants.sample(mutants.HERE, scope, package)
-    assert chosen == mutants.sample(mutants.HERE, scope, package)
-    for file, _, _, node, which in random.Random(1).sample(chosen, 20):
-        before = ast.unparse(ast.parse((mutants.HERE / file).read_text()))
-        after = mutants.mutated(mutants.HERE / file, node, which)
-        compile(after, file, "exec")
-        assert ast.unparse(after) != before
+@pytest.mark.parametrize("package", mutants.PACKAGES)
+def test_mutants_of_the_product_can_be_loaded_and_are_known_apart(package: str) -> None:
+    assert all((mutants.HERE / test).exists() for test in mutants.PACKAGES[package].tests)
+    every = mutants.everything(mutants.HERE, package)
+    assert len({mutant.identity for mutant in every}) == len(every)
+    for mutant in every[:20]:
+        text = (mutants.HERE / mutant.file).read_text()
+        after = mutants.mutated(text, mutant.node, mutant.change)
+        compile(after, mutant.file, "exec")
+        assert ast.unparse(after) != ast.unparse(ast.parse(text))
 
 
 NAME = "jbclog/session/run/code.py"
@@ -53,14 +45,14 @@ def test_over():
 """
 
 
-def lay_out(place: Path, product: str, tests: str, folder: str = "guard") -> None:
-    """A repository of its own, with the tool."""
+def lay_out(place: Path, product: str, tests: str) -> list[str]:
+    """A repository of its own, with the tool; the command that tries mutants of it."""
     for name, text in {
         NAME: product,
         "jbclog/__init__.py": "",
         "jbclog/session/__init__.py": "",
         "jbclog/session/run/__init__.py": "",
-        f"tests/unit/{folder}/test_code.py": tests,
+        "tests/unit/session/test_code.py": tests,
         "tests/support/campaigns/mutants.py": (
             (mutants.HERE / "tests/support/campaigns/mutants.py").read_text()
         ),
@@ -71,65 +63,58 @@ def lay_out(place: Path, product: str, tests: str, folder: str = "guard") -> Non
     }.items():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text(text)
+    commit(place)
+    tool = str(place / "tests/support/campaigns/mutants.py")
+    return [sys.executable, tool, "--package", "session", "--work", str(place.with_name("work"))]
 
 
-def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_survive(
-    tmp_path: Path,
-) -> None:
-    """Of `>` and `+`, and of what is done while the file is loaded. The lines are measured in two
-    stretches, of which the first was killed.
-    """
-    place, work = tmp_path / "place", tmp_path / "work"
-    lay_out(place, PRODUCT, TESTS)
-    mine = {"cwd": place, "check": True, "timeout": 200, "capture_output": True}
+def commit(place: Path) -> None:
     for words in (
         ["init", "-q"],
         ["add", "-A"],
         ["-c", "user.name=a", "-c", "user.email=b", "commit", "-qm", "x"],
     ):
-        subprocess.run(["git", *words], **mine)
-    tool = [sys.executable, "tests/support/campaigns/mutants.py"]
-    subprocess.run([*tool, "cover", work], **mine)
-    first, second = mutants.whole_rows(work / "cover.jsonl")
-    (work / "cover.jsonl").write_text(json.dumps(first | {"took": [1.5, 1.5]}) + '\n{"test": "te')
-    (work / "cover.json").unlink()
-    (place / NAME).write_text("")  # of another commit, it would be
-    subprocess.run([*tool, "cover", work], **mine)
-    known = json.loads((work / "cover.json").read_text())
-    assert known["took"].keys() == {first["test"], second["test"]}
-    assert known["took"][first["test"]] == [1.5, 1.5]
-    assert known["lines"][NAME]["2"] == [first["test"]]
-    assert known["lines"][NAME]["7"] == [second["test"]]
-    subprocess.run([*tool, "run", work, "session", "100"], **mine)
-    rows = {tuple(row["mutant"][1:3]): row["outcome"] for row in mutants.rows_of(work, "session")}
-    assert rows == {
-        (2, "Sub"): "noticed",
-        (2, "returns None"): "noticed",
-        (7, "GtE"): "survived",
-        (7, "returns None"): "noticed",
-    } | {key: outcome for key, outcome in rows.items() if key[0] == 4}
-    assert rows[4, "zero"] == "survived"
-    assert rows[4, "plus 1"] == "noticed"  # the limit is 6 then
-    told = subprocess.run([*tool, "report", work], text=True, **mine).stdout
-    assert "session: 6, 6, 6, 4, 2, 0; 67% (30% to 90%)" in told
+        subprocess.run(["git", *words], cwd=place, check=True)
 
 
-def test_another_repository_is_measured_with_packages_and_tests_of_a_scope(tmp_path: Path) -> None:
+def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_survive(
+    tmp_path: Path,
+) -> None:
+    """Of `>` and `+`, and of what is done while the file is loaded. The first stretch was killed
+    while lines were measured and while outcomes were kept.
+    """
     place, work = tmp_path / "place", tmp_path / "work"
-    lay_out(place, PRODUCT, TESTS, "session")
-    mine: dict[str, Any] = {"check": True, "timeout": 200, "capture_output": True, "text": True}
-    for words in (["init", "-q"], ["add", "-A"]):
-        subprocess.run(["git", *words], cwd=place, **mine)
-    name = ["-c", "user.name=a", "-c", "user.email=b"]
-    subprocess.run(["git", *name, "commit", "-qm", "x"], cwd=place, **mine)
-    tool = [sys.executable, mutants.HERE / "tests/support/campaigns/mutants.py"]
-    subprocess.run([*tool, "cover", work, "layers", place], **mine)
-    assert json.loads((work / "cover.json").read_text())["lines"].keys() == {NAME}
-    said = subprocess.run([*tool, "report", work], **mine).stdout
-    assert [line.split(":")[0] for line in said.splitlines()[1:]] == [
-        *("protocol", "session", "record"),
-    ]
-    assert "session: 6, 6, 0, 0, 0, 0; -" in said
+    command = lay_out(place, PRODUCT, TESTS)
+    mine: dict[str, Any] = {"cwd": place, "timeout": 200, "capture_output": True, "text": True}
+    subprocess.run(command, check=True, **mine)
+    data = place / "tests/data/mutants/session.csv"
+    whole = mutants.rows_in(data.read_text())
+    outcomes = {identity[1:]: outcome for identity, (outcome, _) in whole.items()}
+    assert outcomes == {
+        ("double", "Sub", "1"): "noticed",
+        ("double", "returns None", "1"): "noticed",
+        ("is_over", "GtE", "1"): "survived",
+        ("is_over", "returns None", "1"): "noticed",
+        ("LIMIT", "plus 1", "1"): "noticed",  # the limit is 6 then
+        ("LIMIT", "zero", "1"): "survived",
+    }
+    noticed_by = whole[NAME, "double", "Sub", "1"][1]
+    assert noticed_by == "tests/unit/session/test_code.py::test_double"
+    first, _ = (work / "cover.jsonl").read_text().splitlines()
+    (work / "cover.jsonl").write_text(first.replace("test_code", "test_kept") + '\n{"test": "te')
+    *some, _, _ = data.read_text().splitlines(keepends=True)
+    data.write_text("".join(some))
+    subprocess.run(command, check=True, **mine)
+    assert mutants.rows_in(data.read_text()) == whole
+    assert "test_kept" in (work / "cover.jsonl").read_text()
+    commit(place)
+    weaker = TESTS.replace("double(3) == 6", "double(3) is not None")
+    (place / "tests/unit/session/test_code.py").write_text(weaker)
+    subprocess.run([*command, "--again", "all"], check=True, **mine)
+    told = subprocess.run([*command, "--report"], check=False, **mine)
+    assert told.returncode == 1
+    assert "| session | 6 | 6 | 6 | 3 | 3 | 0 | 50% (19% to 81%) |" in told.stdout
+    assert f"survived: {NAME} double Sub 1, was noticed by {noticed_by}" in told.stdout
 
 
 WAITING = """
@@ -154,14 +139,9 @@ def is_there(pid: str) -> bool:
 
 
 def test_a_signal_ends_the_trial_as_well_and_puts_its_file_back(tmp_path: Path) -> None:
-    product, test = "def double(number):\n    return number + number\n", "test_code.py::test_waits"
-    work, waits = tmp_path / "work", tmp_path / "waits"
-    lay_out(work / "tree", product, WAITING)
-    known = {"took": {f"tests/unit/guard/{test}": [0.1, 0.1]}}
-    lines = {NAME: {"2": [*known["took"]]}}
-    (work / "cover.json").write_text(json.dumps(known | {"lines": lines}))
-    program = work / "tree/tests/support/campaigns/mutants.py"
-    command = [sys.executable, str(program), "run", str(work), "session", "100"]
+    product = "def double(number):\n    return number + number\n"
+    place, work, waits = tmp_path / "place", tmp_path / "work", tmp_path / "waits"
+    command = lay_out(place, product, WAITING)
     with subprocess.Popen(
         command,
         env=os.environ | {"WAITS": str(waits)},

@@ -17,7 +17,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.guard.lease import read_leases
 from support.command import jbclog, until
 from support.faults.guarded import (
     TOOLS,
@@ -27,42 +26,17 @@ from support.faults.guarded import (
     running,
 )
 from support.faults.small_disk import fill, small_disk
+from support.product import LEASES_SEEN_BY_USER, read_leases
 from support.virtual.served_line import ServedLine
 
 pytestmark = pytest.mark.usefixtures("own_state")
 NOBODY, WITHOUT_A_NAME = 65_534, 54_321
-LISTING = """
-import json, os, sys
-from pathlib import Path
-from jbclog.app.doctor import look_at_lease_list
-from jbclog.guard.lease import StationLease, listing, registered_runs, write_leases
-from jbclog.guard.open_leases import about_list
-
-folder, user = Path(sys.argv[1]), int(sys.argv[2])
-os.setgid(user)
-os.setuid(user)
-found = listing(folder)
-lease = StationLease("a", "/dev/ttyX", 19200, "8N1", 1, "dde", "DDE", "1", "stand", (1,), False)
-write_leases(folder, [lease])
-there = [str(run) for run in registered_runs().there]
-write_leases(folder, [])
-looked = look_at_lease_list(folder)
-print(json.dumps({
-    "registry": None if found.registry is None else str(found.registry),
-    "why": list(found.why_not),
-    "there": there,
-    "closed": registered_runs() == ([], []),
-    "left": [] if found.registry is None else os.listdir(found.registry),
-    "about": about_list(folder),
-    "looked": [type(looked).__name__, looked.kind, looked.what, getattr(looked, "step", "")],
-}))
-"""
 
 
 def seen_by(user: int, folder: Path, environment: Mapping[str, str]) -> dict[str, object]:
     """What a user sees who writes a lease of a run in `folder`."""
     kept = {name: os.environ[name] for name in ("PATH", "LANG", "LC_ALL") if name in os.environ}
-    command = [sys.executable, "-c", LISTING, str(folder), str(user)]
+    command = [sys.executable, "-c", LEASES_SEEN_BY_USER, str(folder), str(user)]
     ended = subprocess.run(
         command, capture_output=True, text=True, env={**kept, **environment}, check=False
     )
@@ -184,7 +158,7 @@ def read_only_state(
 def next_run(line: ServedLine, out: Path) -> pd.DataFrame:
     """The events of a run of a second."""
     done = jbclog("run", line.recipe, "--line", line.path, "--out", out, "-d", "1s", "--json")
-    return pd.read_parquet(Path(json.loads(done.stdout)["run"]) / "events").set_index("kind")
+    return pd.read_parquet(Path(json.loads(done.stdout)["folder"]) / "events").set_index("kind")
 
 
 def leave_hot(line: ServedLine, out: Path) -> Path:

@@ -14,14 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from jbclog import open_run
-from jbclog.core.clock import VirtualClock
-from jbclog.core.rows import COLUMN
 from support.campaigns.awaited import HOW_OFTEN, NOT_STARTED
 from support.command import jbclog
 from support.oracles.outside_bench import FAMILIES, KINDS, Cable, Habits, Served, cable, line_file
 from support.oracles.outside_runs import AIR, TIP, Outcome, eight, virtual, wrong_values
 from support.oracles.sane import assert_memory_is_bounded
+from support.product import COLUMN, VirtualClock, open_run
 
 FOUR = ("dde", "nae", "hde", "jtse")
 HEATS = re.compile(r"W(ST\d|S\d\d|PS\d000[^0]0|PS\d00000|SF1|SE1|WM1|A\d\d)")

@@ -1,4 +1,4 @@
-"""Memory that is refused to the live store at each request of a commit: every row is stored, once,
+"""Memory that is refused to the journal at each request of a commit: every row is stored, once,
 and the chain holds.
 """
 
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.batches import BARE
 from jbclog.record.chains import COLUMNS, breaks
+from jbclog.record.row_batches import BARE
 
 SUPPORT = Path(__file__).parents[1]
 

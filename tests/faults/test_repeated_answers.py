@@ -19,15 +19,13 @@ from typing import cast
 
 import pytest
 
-from jbclog import open_run
-from jbclog.core.clock import VirtualClock
-from jbclog.core.rows import COLUMN
 from support.campaigns.each_row import each_row
 from support.command import jbclog
 from support.oracles import outside_bench as bench
 from support.oracles.account import assert_account_holds, reasons_in
 from support.oracles.outside_bench import OWN_HABITS, Cable, Habits, Served, station
 from support.oracles.outside_runs import AIR, TIP, Outcome, virtual, wrong_values
+from support.product import COLUMN, VirtualClock, open_run
 from support.virtual.virtual_run import Memory, VirtualRun
 
 READINGS = 4400  # of each row of the campaign

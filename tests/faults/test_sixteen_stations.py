@@ -14,11 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.rows import COLUMN
-from jbclog.record.check import check
-from jbclog.sim.process import SimProcess
 from support.command import jbclog
 from support.oracles.invariants import Kept, kept_in, lateness, violations_of
+from support.product import COLUMN, SimProcess, check_run
 from support.virtual.lines import fault, line
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
@@ -117,7 +115,7 @@ def recorded(folder: Path, way: str) -> Kept:
             timeout=REAL_S + 60,
         )
     run = Path(ended.stdout.splitlines()[-1])
-    assert check(run) == []
+    assert check_run(run) == []
     kept = kept_in(run)
     refused = [
         f"{facts.name}: {facts.reason}"

@@ -21,10 +21,10 @@ from statistics import median
 
 import pytest
 
-from jbclog.config.line import load_line
 from support.campaigns.soak import FLOOD, RECIPES, Soak, kinds_of
 from support.oracles.invariants import counted as readings_in
 from support.oracles.invariants import kept_in
+from support.product import load_line
 
 SOAK_S = float(os.environ.get("JBCLOG_SOAK_S", "3600"))
 STATIONS = 16

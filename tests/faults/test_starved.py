@@ -3,8 +3,8 @@ is put in its safe state.
 
 The recorder does it if it can end its run in order; the guard does it if the recorder dies; if the
 guard dies, it is replaced and the recorder does it at its own end. Requests fail below Python,
-once, a hundred times, or permanently (`failing_alloc.c`), including those of SQLite and Arrow, at a
-random number whose orders of magnitude are equally likely. Afterwards the folder recovers, its
+once, a hundred times, or permanently (`failing_alloc.c`), including those of the store and Arrow,
+at a random number whose orders of magnitude are equally likely. Afterwards the folder recovers, its
 record is accounted for, and no lease is open. Left out: a guard that takes over and then gets no
 memory at all, because nobody is left then.
 """

@@ -16,13 +16,11 @@ from random import Random
 
 import pytest
 
-from jbclog.core.rows import COLUMN
-from jbclog.sim.port import WORKING
-from jbclog.sim.virtual import VirtualStation
 from support.campaigns.slices import first
 from support.oracles.account import reasons_in
 from support.oracles.invariants import violations_of
 from support.oracles.sane import assert_memory_is_bounded, must_end_within
+from support.product import COLUMN, SIM_WORKING, VirtualStation
 from support.virtual.lines import fault, line, say
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
@@ -400,7 +398,7 @@ def assert_tools_rest_or_are_told(run: VirtualRun) -> None:
             port = station(run, int(name[-1])).plant.ports[number]
             rests = (
                 port.tool == 0
-                or port.doing.state != WORKING
+                or port.doing.state != SIM_WORKING
                 or (port.doing.extractor and port.character.extractor_cools)
             )
             told = any(f"port {number}:" in text for text in context.facts.unsafe)

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from support.product import MAIN
+
 LINE = (
     '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
     " [1]\n"
 )
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
-CALL = "{python} -c 'from jbclog.cli import main; main()' {arguments}"
+CALL = f"{{python}} -c '{MAIN}' {{arguments}}"
 
 
 def shell(folder: Path, arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -15,10 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.recover import recover
 from support.command import until
 from support.faults.guarded import TOOLS, begun, ended, guard_of, guard_that_is_there, only_run
+from support.product import check_run, recover_run
 from support.virtual.served_line import ServedLine
 
 pytestmark = pytest.mark.usefixtures("own_state")
@@ -67,8 +66,8 @@ def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
     )
     folder = only_run(tmp_path)
     if run.returncode:
-        recover(folder)
-    assert check(folder) == []
+        recover_run(folder)
+    assert check_run(folder) == []
 
 
 def test_a_guard_from_which_memory_is_taken_makes_tools_safe_and_ends(

@@ -24,7 +24,6 @@ from jbclog.record.annotations import append
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import breaks, digest, first_link, previous_run, short_head
 from jbclog.record.check import check
-from jbclog.record.conclude import files_of
 from jbclog.record.cross_check import uncovered
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
@@ -40,6 +39,7 @@ from jbclog.report.write import write_report
 from support.invoked import invoked
 from support.readers.run_files import differing_files
 from support.records.few_rows import rewritten
+from support.records.listed_files import files_of
 from support.records.small_run import make_run
 
 STRIDE = 2999
@@ -265,7 +265,7 @@ def rewritten_whole(folder: Path) -> None:
     def without_errors(rows: pa.Table) -> pa.Table:
         kept = plain_events(rows.filter(pc.not_equal(rows["severity"], "critical"))).to_pylist()
         previous = first_link(folder.name)
-        for seq, row in enumerate(kept, 1):
+        for seq, row in enumerate(kept):
             row["seq"], row["prev_sha256"] = seq, previous
             previous = digest(row)
         assert list(breaks(folder.name, kept)) == []
@@ -362,7 +362,7 @@ def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Pat
 
 # -- files of a report -----------------------------------------------------------------------------
 
-OF_REPORT = ("report.html", "report.pdf", "joints.parquet", "tables/rules.csv")
+OF_REPORT = ("report.html", "report.pdf", "derived/joints.parquet", "tables/rules.csv")
 
 
 def test_a_report_s_files_are_vouched_for_by_its_json(run: Path) -> None:
@@ -461,7 +461,7 @@ def test_a_page_that_was_changed_after_the_list_of_written_files_was_removed(
         "report.json",
         "report.html",
         "report.pdf",
-        "joints.parquet",
+        "derived/joints.parquet",
         "tables/rules.csv",
     } <= on_list
 

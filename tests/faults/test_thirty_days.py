@@ -15,14 +15,17 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Plan
-from jbclog.app.run.run_record import RunRecord
-from jbclog.core.clock import VirtualClock
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.session.run.station_run import run_station
-from jbclog.sim.setup import virtual_station
-from jbclog.transport.virtual import VirtualDriver
+from support.product import (
+    RunPlan,
+    RunRecord,
+    VirtualClock,
+    VirtualDriver,
+    check_run,
+    read_manifest,
+    run_station,
+    seal_as_hourly,
+    virtual_station,
+)
 from support.virtual.lines import fault
 from support.virtual.recorded_run import Nobody, _sealed_here, plan_in
 from support.virtual.virtual_run import RECIPE, line_text
@@ -60,7 +63,7 @@ def outages(days: float) -> list[float]:
     return [begin for begin in begins if begin + 2 * OUT_S < days * DAY_S]
 
 
-def plan_for(folder: Path, days: float) -> Plan:
+def plan_for(folder: Path, days: float) -> RunPlan:
     outs = "".join(fault("dropout", at_s=at_s, for_s=OUT_S) for at_s in outages(days))
     line = line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]")
     return plan_in(folder, line, SPARSE, days * DAY_S)
@@ -100,12 +103,7 @@ def _look(lived: Lived) -> None:
 
 def _seal(papers: RunRecord, lived: Lived) -> None:
     """Seal as the hourly child does, and wait for it: real time is short here."""
-    store = papers._store
-    store.commit_now()
-    store.seal_now()
-    until = time.monotonic() + 60
-    while store._child and time.monotonic() < until:
-        time.sleep(0.05)
+    seal_as_hourly(papers)
     lived.parts += 1
 
 
@@ -118,7 +116,7 @@ def slope(values: list[float]) -> float:
 
 
 def assert_whole(lived: Lived, days: float) -> None:
-    assert check(lived.folder) == []
+    assert check_run(lived.folder) == []
     (facts,) = read_manifest(lived.folder).stations
     assert facts.outcome == "completed", facts.reason
     assert facts.outages == len(outages(days)) > 0

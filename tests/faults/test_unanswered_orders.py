@@ -21,7 +21,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog import open_run
 from support.campaigns.unanswered import (
     EXTRACTOR,
     OLD,
@@ -35,6 +34,7 @@ from support.campaigns.unanswered import (
 from support.command import jbclog, started, until
 from support.faults.guarded import guard_that_is_there, only_run
 from support.oracles.outside_bench import HotAir, Served
+from support.product import GUARD_PROCESS, MAIN, open_run
 
 pytestmark = [pytest.mark.usefixtures("own_state"), pytest.mark.timeout(300)]
 
@@ -302,7 +302,7 @@ def guards_of(out: Path) -> list[int]:
             command = (process / "cmdline").read_bytes()
         except OSError:
             continue
-        if b"jbclog.guard" in command and bytes(out) in command:
+        if GUARD_PROCESS in command and bytes(out) in command:
             guards.append(int(process.name))
     return guards
 
@@ -561,9 +561,8 @@ def test_a_person_who_insists_orders_once(name: str, tmp_path: Path) -> None:
         line = bench.line_file(served, tmp_path)
         bench.harm("dead")
         words = ("safe", "--line", str(line), "--unanswered")
-        code = "from jbclog.cli import main; main()"
         done = subprocess.run(
-            [sys.executable, "-c", code, *words],
+            [sys.executable, "-c", MAIN, *words],
             input=reply,
             capture_output=True,
             text=True,

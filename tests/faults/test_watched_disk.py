@@ -10,29 +10,36 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.live import Condition, Follower, Phase, RunState
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
 from support.command import until
 from support.faults.guarded import TOLD_S, TOOLS, begun, only_run
 from support.faults.small_disk import fill, small_disk
 from support.oracles.invariants import Ended, violations
+from support.product import (
+    STOPPED_FOLLOWER,
+    Follower,
+    LiveCondition,
+    LivePhase,
+    RunState,
+    bytes_kept_for_readers,
+    check_run,
+    open_run,
+    read_manifest,
+    recover_run,
+)
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
 
 MOST_LOG: Final = 5 << 20
 WAIT_S: Final = 60.0
 NOBODY: Final = 65_534
-ENDED = (Phase.CRASHED, Phase.FINALIZED)
+ENDED = (LivePhase.CRASHED, LivePhase.FINALIZED)
 LOOKING = """
 import os, sys
 from jbclog.live import Phase, follow
@@ -47,17 +54,6 @@ with follow(sys.argv[1]) as follower:
         print(run.phase, *run.problems, flush=True)
         if run.phase in (Phase.CRASHED, Phase.FINALIZED):
             break
-"""
-STOPPED = """
-import os, signal, sys
-from jbclog.live import follow, store_follower
-plain = store_follower.roots
-def stopping(pages):
-    print("reading", flush=True)
-    os.kill(os.getpid(), signal.SIGSTOP)
-    return plain(pages)
-store_follower.roots = stopping
-follow(sys.argv[1]).poll()
 """
 
 
@@ -89,8 +85,7 @@ class Watcher:
         run = self._follower.poll()
         if run is None:
             return None
-        with suppress(FileNotFoundError):
-            self.log = max(self.log, (run.folder / "live.sqlite-wal").stat().st_size)
+        self.log = max(self.log, bytes_kept_for_readers(run.folder))
         for port in run.ports:
             place = port.station, port.port
             self.shown[place] = max(self.shown.get(place, 0), port.coverage.obtained)
@@ -100,8 +95,8 @@ class Watcher:
         end = time.monotonic() + WAIT_S
         while (run := self.look()) is None or run.phase not in ENDED or not run.is_whole:
             assert time.monotonic() < end, run
-            if run is not None and run.phase is not Phase.RECORDING:
-                assert Condition.NORMAL not in {port.condition for port in run.ports}
+            if run is not None and run.phase is not LivePhase.RECORDING:
+                assert LiveCondition.NORMAL not in {port.condition for port in run.ports}
             time.sleep(0.1)
         return run
 
@@ -129,7 +124,10 @@ def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
                     ),
                     WAIT_S,
                 ), run.communicate(timeout=5)
-                with process(LOOKING, out, NOBODY) as other, process(STOPPED, out) as stopped:
+                with (
+                    process(LOOKING, out, NOBODY) as other,
+                    process(STOPPED_FOLLOWER, out) as stopped,
+                ):
                     filler = fill(disk)
                     last = watcher.until_ended()
                     told, wrong = other.communicate(timeout=WAIT_S)
@@ -141,15 +139,15 @@ def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
         assert (run.returncode, "full" in said) == (4, True), said
         assert until(lambda: line.at_work() == 0, TOLD_S)
         assert watcher.log < MOST_LOG
-        assert Condition.NORMAL not in {port.condition for port in last.ports}
+        assert LiveCondition.NORMAL not in {port.condition for port in last.ports}
         assert "full" in f"{last.problems} {[one.event.text for one in last.events]}"
         assert (wrong, told.splitlines()[-1].split()[0]) == ("", str(last.phase))
         folder = only_run(out)
         filler.unlink()
-        recover(folder)
+        recover_run(folder)
         assert line.log is not None
         assert violations(folder, heard_in(line.log, 0), ended=Ended(run.returncode, said)) == []
-        assert check(folder) == []
+        assert check_run(folder) == []
         samples = open_run(folder).samples(columns=["station", "port", "temperature_c"])
         kept = samples.dropna().groupby(["station", "port"], observed=True).size()
         for place, shown in watcher.shown.items():  # everything shown was acknowledged, so it stays

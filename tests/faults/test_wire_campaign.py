@@ -20,12 +20,12 @@ from random import Random
 
 import pytest
 
-from jbclog.core.rows import COLUMN
 from support.campaigns.wire_tapes import Played, Tally, campaign, judge, play
 from support.links.damage import DAMAGES, jbc_holds, omega_holds
 from support.links.noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, Tape
 from support.oracles.believed import judge_rows
 from support.oracles.sane import assert_memory_is_bounded
+from support.product import COLUMN
 
 HOURS, FIRST = float(os.environ.get("WIRE_HOURS", "2000")), int(os.environ.get("WIRE_FIRST", "0"))
 SHORT = (7, 15, 18, 22)  # fast ones

@@ -6,12 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.app.run.run_record import Result
-from jbclog.app.run.runner import conduct
-from jbclog.core.outcome import Exit
-from jbclog.record import capture_recorder
-from jbclog.record.check import check
+from support.product import Exit, RunResult, check_run, conduct_run, open_run, patch
 from support.virtual.recorded_run import Nobody, plan_in
 
 LINE = (
@@ -21,10 +16,10 @@ LINE = (
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
 
 
-def run(place: Path) -> Result:
+def run(place: Path) -> RunResult:
     """A run on a port that does not exist."""
     plan = plan_in(place, LINE, RECIPE, 1.0, wire=True, guard=False)
-    return conduct(plan, place / "runs", Nobody())
+    return conduct_run(plan, place / "runs", Nobody())
 
 
 def test_a_port_that_is_not_there_is_in_the_wire_too(tmp_path: Path) -> None:
@@ -33,13 +28,13 @@ def test_a_port_that_is_not_there_is_in_the_wire_too(tmp_path: Path) -> None:
     assert wire["what"].to_list() == ["failed"]
     assert "nowhere" in wire["text"].iloc[0]
     assert result.manifest.wire == "whole"
-    assert check(result.folder) == []
+    assert check_run(result.folder) == []
 
 
 def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(capture_recorder, "LEAST_FREE", 1 << 60)
+    patch(monkeypatch, "capture_recorder.LEAST_FREE", 1 << 60)
     result = run(tmp_path)
     assert result.exit_code is Exit.STATION
     assert [finding.code for finding in result.findings] == [Exit.STATION]
@@ -47,11 +42,11 @@ def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(
     assert event.severity == "warning"
     assert "The run continues without it." in event.text
     assert result.manifest.wire == event.text
-    assert check(result.folder) == []
+    assert check_run(result.folder) == []
 
 
 def test_without_the_option_nothing_is_kept(tmp_path: Path) -> None:
     plan = plan_in(tmp_path, LINE, RECIPE, 1.0, guard=False)
-    result = conduct(plan, tmp_path / "runs", Nobody())
+    result = conduct_run(plan, tmp_path / "runs", Nobody())
     assert result.manifest.wire is None
     assert not (result.folder / "wire").exists()

@@ -20,17 +20,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import StationError, StationSilent
-from jbclog.core.io_requests import Reopen, Steps
-from jbclog.core.quantities import Value
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.transport.virtual import VirtualDriver
 from support.clients.talk import sought
 from support.golden import framed
 from support.links.injector import FORGING, KINDS, Deed, Injector
+from support.product import (
+    FAMILIES,
+    LineFormat,
+    Reopen,
+    Station,
+    StationError,
+    StationSilent,
+    Value,
+    VirtualClock,
+    VirtualDriver,
+    do,
+)
 
 DDE = FAMILIES["dde"].commands
 ASKED = [
@@ -86,17 +90,17 @@ def converse(
     station, clock = Station(LineFormat(), 1 if addressed else None), VirtualClock()
     taken: list[Taken] = []
 
-    def steps() -> Steps[None]:
-        station.unasked((yield Reopen()))
+    async def steps() -> None:
+        station.unasked(await do(Reopen()))
         for turn in count():
             if len(plant.asked) >= questions:
                 return
             name, port, text = ASKED[turn % len(ASKED)]
             begin, since = len(plant.asked), clock.monotonic()
             try:
-                value = yield from station.read(DDE[name], port)
+                value = await station.read(DDE[name], port)
             except StationSilent:
-                yield from sought(station, DDE["model"])
+                await sought(station, DDE["model"])
             except StationError:
                 continue
             else:

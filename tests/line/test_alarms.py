@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.rows import COLUMN, EventRow
 from support.oracles.account import reasons_in
-from support.virtual.lines import fault
+from support.product import COLUMN, EventRow
+from support.virtual.lines import fault, say
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 AT_TEMPERATURE_S = 10.0  # long after the tip has reached its setting
@@ -56,7 +56,7 @@ def times_asked(run: VirtualRun) -> int:
 def test_an_alarm_that_temperatures_bear_out() -> None:
     run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
     event = only(run, "alarm.high")
-    assert (event.severity, event.port, event.limit) == ("error", 1, 380)
+    assert (event.severity, event.port, event.limit_value) == ("error", 1, 380)
     assert event.value is not None
     assert event.value > 380
     assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (1, 0)
@@ -135,6 +135,31 @@ def test_only_a_temperature_beyond_the_limit_bears_a_flag_out(
     )
 
 
+@pytest.mark.parametrize(
+    ("word", "high", "low"),
+    [
+        ("00000", False, False),
+        ("00001", True, False),
+        ("00010", False, True),
+        ("00011", True, True),
+    ],
+)
+def test_each_flag_has_its_digit_and_its_column(word: str, high: bool, low: bool) -> None:
+    """The units digit is the flag of the high alarm, the tens digit that of the low one (manual
+    000, 4.8.27).
+    """
+    run = one_port(duration_s=20)
+    say(run, "TA1", word, 12.0)
+    run.go()
+    flags = [
+        (row[COLUMN["alarm_high"]], row[COLUMN["alarm_low"]])
+        for row in run.memory.samples
+        if row[COLUMN["alarm_high"]] is not None and int(str(row[COLUMN["tick"]])) > 120
+    ]
+    assert flags[0] == (high, low)
+    assert set(flags[1:]) == {(False, False)}  # a flag that was read is cleared
+
+
 def test_an_alarm_of_the_last_seconds_is_not_lost() -> None:
     """It is raised after the last reading of the flags; they are read once more when the tool is
     safe.
@@ -206,7 +231,12 @@ def test_a_flag_without_a_temperature_beyond_the_limit_is_unconfirmed() -> None:
     latch(run, "high", 12)
     run.go()
     event = only(run, "alarm.unconfirmed")
-    assert (event.severity, event.raw, event.limit, event.value) == ("warning", "high", 380, 350)
+    assert (event.severity, event.raw, event.limit_value, event.value) == (
+        "warning",
+        "high",
+        380,
+        350,
+    )
     assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 1)
     assert told(run) == ["alarm.unconfirmed", "alarm.high.ended"]
 

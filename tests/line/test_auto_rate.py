@@ -20,8 +20,9 @@ from jbclog.core.rows import COLUMN, NoJournal
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.rates import readings_for
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.pace import choose_pace
+from jbclog.session.run.state import PortState
 from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
 from support.command import PROFILES, RECIPE
 from support.invoked import invoked
@@ -48,11 +49,15 @@ def desk_of(
     text = f'[line]\nname = "one"\n[[station]]\nname = "one-1"\nurl = "one"\nfamily = "{family}"\n'
     (spec,) = parse_line(text, Path("line.toml")).stations
     clock = VirtualClock()
-    context = SessionContext(
+    context = SessionContext.of(
         order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock)
     )
-    context.ports.update({number: PortState(number, 2) for number in ports})
-    context.facts.turnaround_us = {"median": usual_ms * 1000, "p99": longest_ms * 1000, "n": 12}
+    context.state.ports.update({number: PortState(number, 2) for number in ports})
+    context.state.facts.turnaround_us = {
+        "median": usual_ms * 1000,
+        "p99": longest_ms * 1000,
+        "n": 12,
+    }
     return context
 
 

@@ -11,15 +11,19 @@ from collections.abc import Sequence
 
 import pytest
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.rows import COLUMN, SampleRow, StationFacts
-from jbclog.session.run.context import StationTask
-from jbclog.session.run.sampling import FINISH_S
-from jbclog.session.run.scan import HELD_S
-from jbclog.transport.virtual import Peer
 from support.golden import framed
 from support.links.repeating import BEGUN_S, Repeating
 from support.oracles.account import assert_account_holds, counted, wrong_values
+from support.product import (
+    COLUMN,
+    FINISH_S,
+    HELD_S,
+    Peer,
+    SampleRow,
+    StationFacts,
+    StationTask,
+    Steps,
+)
 from support.virtual.lines import fault
 from support.virtual.virtual_run import Memory, VirtualRun, line_text, prepare
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.config.line import load_line
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.record.capture import is_done, mend, wire_paths
+from support.product import FAMILIES, is_capture_done, load_line, wire_paths
 from support.readers.run_files import read_rows
 from support.records.demonstration import RUNS, TABLES, profiles, tables_of
 from support.virtual.captured_run import relived
@@ -59,8 +57,7 @@ def test_they_are_whole_and_small() -> None:
     files = [path for path in RUNS.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < MOST_BYTES
     for path in (path for name in DEMONSTRATIONS for path in wire_paths(RUNS / name)):
-        assert is_done(path)
-        assert not mend(path)
+        assert is_capture_done(path)
 
 
 def test_they_name_no_machine() -> None:

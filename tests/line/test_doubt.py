@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.rows import COLUMN
 from support.oracles.account import reasons_of
+from support.product import COLUMN
 from support.virtual.answers import let_say
 from support.virtual.lines import first_sample_s, hot_air, marks, one_port, say
 
@@ -178,7 +178,7 @@ def test_an_external_temperature_that_two_answers_tell_is_recorded_and_marked() 
     ("code", "data", "name", "column", "held"),
     [
         ("SF1", "00700", "selected_air_flow", "set_flow_permille", 600),
-        ("ST1", "00300", "selected_air_temperature", "set_c", 320),
+        ("ST1", "00300", "selected_air_temperature", "setpoint_c", 320),
     ],
 )
 def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(

@@ -6,10 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.analysis.alarms.from_record import flag_episodes
-from jbclog.analysis.alarms.live import LiveAlarms
-from jbclog.analysis.alarms.state_machine import Detector
-from jbclog.core.rows import COLUMN, EventRow
+from support.product import COLUMN, Detector, EventRow, evaluated_alarms, flag_episodes
 from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -22,20 +19,12 @@ def run_with(sim: str, recipe: str = GOES_ON, duration_s: float = 40) -> Virtual
     )
 
 
-def evaluated(run: VirtualRun) -> tuple[list[EventRow], LiveAlarms]:
-    """Return the alarm events and the state that the recorder's evaluation gives for a run:
-    settings first, then events, then rows.
+def evaluated(run: VirtualRun) -> tuple[list[EventRow], list[bool]]:
+    """Return the alarm events that the recorder's evaluation gives for a run, and of each tool
+    whether it came to its setting: settings first, then events, then rows.
     """
-    told: list[EventRow] = []
-    live = LiveAlarms(told.append)
-    live.facts(run.facts)
-    for setting in run.memory.settings:
-        live.setting(setting)
-    for event in run.memory.events:
-        live.event(event)
-    for row in run.memory.samples:
-        live.sample(row)
-    return told, live
+    memory = run.memory
+    return evaluated_alarms(run.facts, memory.settings, memory.events, memory.samples)
 
 
 @pytest.mark.parametrize(
@@ -53,9 +42,8 @@ def evaluated(run: VirtualRun) -> tuple[list[EventRow], LiveAlarms]:
 )
 def test_the_rows_say_when_a_tool_came_to_its_setting_as_the_session_saw_it(sim: str) -> None:
     run = run_with(sim).go()
-    _, live = evaluated(run)
-    (watch,) = live._watches.values()
-    assert watch._arrival.has_arrived is run.contexts["dde-1"].ports[1].at_temperature
+    _, (has_arrived,) = evaluated(run)
+    assert has_arrived is run.contexts["dde-1"].ports[1].at_temperature
 
 
 def kinds(run: VirtualRun) -> list[str]:
@@ -99,4 +87,4 @@ def test_a_limit_found_changed_holds_for_what_follows() -> None:
     )
     run.at(15, lambda: setattr(run.station.plant.ports[1].settings, "alarm_high_limit", 340))
     assert kinds(run.go()) == ["raised"]
-    assert evaluated(run)[0][0].limit == 340
+    assert evaluated(run)[0][0].limit_value == 340

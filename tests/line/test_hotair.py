@@ -6,15 +6,18 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import WriteForbidden
-from jbclog.core.quantities import Value
-from jbclog.core.rows import COLUMN, StationFacts
-from jbclog.guard.lease import StationLease
-from jbclog.guard.supervisor import lease_of
-from jbclog.protocol.commands.command import Command
-from jbclog.session.run.setting import listed
-from jbclog.sim.hotair import AirModel, AirStation
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.product import (
+    COLUMN,
+    AirModel,
+    Command,
+    StationFacts,
+    StationLease,
+    Value,
+    WriteForbidden,
+    lease_of,
+    patch,
+)
 from support.virtual.lines import AIR, fault, hot_air, plant
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
@@ -47,7 +50,7 @@ def test_mode_and_flow_come_before_heat_and_the_tool_is_switched_on_last() -> No
         "WPS100010",
     ]
     assert [
-        (row.setting, row.unit, row.written, row.outcome)
+        (row.setting, row.uom, row.written, row.outcome)
         for row in run.memory.settings
         if row.requested
     ] == [
@@ -154,7 +157,7 @@ def test_without_a_greatest_flow_the_flow_in_force_is_no_share() -> None:
         "no_maximum",
     }
     assert_account_holds(run)
-    assert "raw" in {row.unit for row in run.memory.settings if row.setting == "selected_air_flow"}
+    assert "raw" in {row.uom for row in run.memory.settings if row.setting == "selected_air_flow"}
 
 
 def test_without_a_status_in_the_recipe_nothing_is_switched_on() -> None:
@@ -190,7 +193,7 @@ def test_air_and_work_are_sampled_each_tick_and_hold_what_the_station_said() -> 
     assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {None}
     assert set(cells(run, "desoldering")) == {True, False}
     assert set(cells(run, "cooling")) == {False}
-    assert set(cells(run, "set_c")) == {320}
+    assert set(cells(run, "setpoint_c")) == {320}
     assert set(cells(run, "tool")) == {1}
 
 
@@ -319,7 +322,7 @@ def test_another_tool_is_told_and_goes_on() -> None:
     assert "from JT to TE" in changed.text
     assert run.memory.of_kind("safety.no_cooldown") == []
     assert written(run).count("WPS100010") == 1
-    assert [row.tool for row in run.memory.settings if row.setting == "adjust"] == ["JT", "TE"]
+    assert [row.tool_name for row in run.memory.settings if row.setting == "adjust"] == ["JT", "TE"]
 
 
 def test_no_tool_is_no_run_unless_the_recipe_says_so() -> None:
@@ -606,7 +609,7 @@ def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_t
         def allowed(face: AirModel, command: Command, value: Value) -> bool:
             return not (command.name == "status" and value in words) and takes(face, command, value)
 
-        monkeypatch.setattr(AirModel, "allowed", allowed)
+        patch(monkeypatch, "AirModel.allowed", allowed)
 
     refuses([(0, 0, 1, 1, 0)])
     run = sucking(with_keys()).go()
@@ -628,7 +631,7 @@ def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_t
 def test_suction_that_was_asked_for_and_is_not_read_back_is_a_mismatch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(AirStation, "suck", lambda station, *, on: None)
+    patch(monkeypatch, "AirStation.suck", lambda station, *, on: None)
     run = hot_air(recipe=with_keys('suction = "on"'), duration_s=3).go()
     assert run.facts.outcome == "refused"
     assert "status of port 1" in run.facts.reason
@@ -643,12 +646,29 @@ def test_of_the_words_exactly_those_are_permitted_that_the_recipe_and_the_statio
     run = sucking(with_keys(), begins=False).go()
     context = next(iter(run.contexts.values()))
     command = context.command("status")
-    permit = listed(context)
+    permit = context.listed_writes()
     for allowed in ((0, 0, 0, 0, 1), (0, 0, 0, 1, 0), (0, 0, 0, 0, 0)):
         permit(command, allowed, 1, None)
     if word != (0, 0, 0, 0, 1):
         with pytest.raises(WriteForbidden):
             permit(command, word, 1, None)
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_the_guard_is_told_of_suction_before_the_first_sample(begins: bool) -> None:
+    """The read-back of the first order says it; the guard may have to act right then."""
+    run = sucking(with_keys(), begins=begins)
+    leases: list[tuple[int, ...]] = []
+    facts = run.memory.facts
+
+    def note(told: StationFacts) -> None:
+        if words(run):
+            leases.append(lease_of(told).suction)
+        facts(told)
+
+    run.memory.facts = note  # type: ignore[method-assign]
+    run.go()
+    assert leases[0] == ((1,) if begins else ())
 
 
 def test_the_guard_is_told_of_the_last_confirmed_digit() -> None:

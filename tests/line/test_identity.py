@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.rates import IDENTITY_READS, readings_for
+from support.product import FAMILIES, IDENTITY_READS, LineFormat, readings_for
 from support.virtual.lines import hot_air, plant
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 

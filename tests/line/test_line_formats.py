@@ -12,11 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import StationPlan
-from jbclog.config.line import parse_line
-from jbclog.core.errors import Problems
-from jbclog.core.rows import COLUMN
 from support.campaigns.each_row import each_row
+from support.product import COLUMN, Problems, StationPlan, parse_line
 from support.virtual.recorded_run import plan_in
 from support.virtual.virtual_run import Heard, VirtualRun, line_text, prepare
 

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import Problems
-from jbclog.guard.supervisor import lease_of
+from support.product import Problems, lease_of
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 LINE = """[line]

@@ -8,10 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.options import Metadata
-from jbclog.app.run.plan import Plan
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.ranges import longest_countdown_s
+from support.product import FAMILIES, Metadata, RunPlan, longest_countdown_s
 from support.virtual.recorded_run import plan_in
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
@@ -132,7 +129,7 @@ def test_without_the_station_s_own_maximum_no_temperature_is_written() -> None:
 # -- the plan --------------------------------------------------------------------------------------
 
 
-def plan_of(folder: Path, recipe: str, family: str) -> Plan:
+def plan_of(folder: Path, recipe: str, family: str) -> RunPlan:
     return plan_in(folder, LINE.format(family=family, sim=""), recipe, 5.0, metadata=Metadata())
 
 
@@ -174,7 +171,7 @@ def test_a_plan_notes_a_feed_that_takes_very_long_and_does_not_refuse_it(tmp_pat
 
 
 def test_what_002_prints_stays_refused_on_its_stations(tmp_path: Path) -> None:
-    from jbclog.core.errors import Problems
+    from support.product import Problems
 
     with pytest.raises(Problems) as told:
         plan_of(tmp_path, OLD_JOB.replace('["soldering"]', '["soldering", "dde"]'), "soldering")

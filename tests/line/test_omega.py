@@ -8,10 +8,16 @@ from bisect import bisect_left, bisect_right
 
 import pytest
 
-from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, Severity, StationFacts
-from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature
-from jbclog.sim.virtual import Reply
 from support.oracles.account import assert_account_holds, reasons_in
+from support.product import (
+    COLUMN,
+    SIGNAL_COLUMNS,
+    ConditionRecord,
+    Reply,
+    SetTemperature,
+    Severity,
+    StationFacts,
+)
 from support.virtual.lines import fault
 from support.virtual.virtual_run import Memory, VirtualRun, prepare
 
@@ -119,7 +125,12 @@ def test_what_it_is_stands_in_the_facts_and_what_it_is_not_does_not() -> None:
         9600,
         [1],
     )
-    assert (facts.tools, facts.touched, facts.safe_state, facts.not_supported) == ({}, [], {}, [])
+    assert (facts.tool_names, facts.touched, facts.safe_state, facts.not_supported) == (
+        {},
+        [],
+        {},
+        [],
+    )
     assert facts.signals == ["solder_shortage", "preparing", "in_range"]
 
 

@@ -10,16 +10,20 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import StationError
-from jbclog.core.io_requests import IoResult
-from jbclog.core.quantities import Value
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.omega import OmegaReader
 from support.clients.corrupted import flipped
 from support.clients.omega_talk import framed
+from support.product import (
+    FAMILIES,
+    Command,
+    IoResult,
+    LineFormat,
+    OmegaReader,
+    OmegaStation,
+    StationError,
+    Value,
+    pull,
+    send,
+)
 
 COMMANDS = FAMILIES["omega"].commands
 A, B, F, G = (
@@ -47,9 +51,9 @@ def taken(command: Command, wire: bytes) -> Value | None:
     """
     station = OmegaStation(LINE)
     asking = station.ask(station.question(command))
-    next(asking)
+    pull(asking)
     try:
-        asking.send(IoResult(0.02, wire, 0.0))
+        send(asking, IoResult(0.02, wire, 0.0))
     except StopIteration as done:
         return done.value  # type: ignore[no-any-return]  # what the generator returns
     except StationError:

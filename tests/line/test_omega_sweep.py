@@ -9,15 +9,19 @@ from random import Random
 
 import pytest
 
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import StationError
-from jbclog.core.io_requests import Reopen, Steps, Wait
-from jbclog.core.quantities import Value
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.transport.virtual import VirtualDriver
 from support.clients.omega_talk import framed
+from support.product import (
+    FAMILIES,
+    LineFormat,
+    OmegaStation,
+    Reopen,
+    StationError,
+    Value,
+    VirtualClock,
+    VirtualDriver,
+    Wait,
+    do,
+)
 
 COMMANDS = FAMILIES["omega"].commands
 ASKED = [
@@ -71,18 +75,18 @@ class Disturbed:
         }.get(kind, [answer])
 
 
-def asked_in_turn(
+async def asked_in_turn(
     station: OmegaStation, line: Disturbed, seed: int
-) -> Steps[list[tuple[Value, int]]]:
+) -> list[tuple[Value, int]]:
     """Ask at random; return each value with the last digit that was answered to its letter."""
     roll, got = Random(seed), []
-    station.unasked((yield Reopen()))
+    station.unasked(await do(Reopen()))
     for _ in range(QUESTIONS):
         command = roll.choice(ASKED)
         try:
-            value = yield from station.read(command)
+            value = await station.read(command)
         except StationError:
-            station.unasked((yield Wait(station.now + roll.choice([0.0, 0.1, 1.0]))))
+            station.unasked(await do(Wait(station.now + roll.choice([0.0, 0.1, 1.0]))))
             continue
         told = next(digit for letter, digit in reversed(line.said) if letter == command.letters)
         got.append((value, command.quantity.decode(str(told))))
@@ -92,8 +96,8 @@ def asked_in_turn(
 def disturbed(kinds: Sequence[str], seed: int) -> tuple[OmegaStation, list[tuple[Value, int]]]:
     station, line, outcome = OmegaStation(LineFormat(9600)), Disturbed(kinds, seed), []
 
-    def steps() -> Steps[None]:
-        outcome.extend((yield from asked_in_turn(station, line, seed + 1)))
+    async def steps() -> None:
+        outcome.extend(await asked_in_turn(station, line, seed + 1))
 
     driver = VirtualDriver(VirtualClock())
     driver.add(steps(), line)

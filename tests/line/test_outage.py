@@ -10,10 +10,8 @@ from itertools import pairwise
 
 import pytest
 
-from jbclog.core.rows import COLUMN
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.status import STAND, WORKING
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.product import COLUMN, FAMILIES, STAND, WORKING
 from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -72,6 +70,21 @@ def test_every_tick_has_its_rows_and_every_reading_its_reason(
     assert kinds == [lost, back]
     assert run.facts.outcome == "completed"
     assert wrong_values(run) == []
+
+
+@pytest.mark.parametrize("rate", [4, 0.25])
+def test_a_slow_reading_is_due_as_often_as_without_an_outage(rate: float) -> None:
+    """At 0.25 Hz, one of 5 s is due in two ticks of three, and one of 2 s in each."""
+    seconds = 150 / rate
+    gone = fault("dropout", at_s=0.1 * seconds, for_s=0.8 * seconds)
+    runs = [
+        prepare(line_text(sim, "ports = [1]"), GOING_ON, duration_s=seconds, rate=rate).go()
+        for sim in (gone, "")
+    ]
+    away, connected = (run.facts.due["1"] for run in runs)
+    assert [run.facts.outages for run in runs] == [1, 0]
+    assert connected["tool"] > 5
+    assert away == pytest.approx(connected, abs=1)  # one may be due in the tick that is lost
 
 
 @pytest.mark.parametrize("kind", ["dropout", "silence", "nak"])
@@ -190,7 +203,7 @@ def test_identity_and_settings_are_read_before_its_samples_count() -> None:
     ],
 )
 def test_a_difference_is_an_event_and_stops_the_run(name: str, value: object) -> None:
-    from jbclog.core.quantities import OFF
+    from support.product import OFF
 
     run = prepare(line_text(away_for_3_s("dropout")), duration_s=20)
     run.at(
@@ -253,7 +266,7 @@ def test_a_tool_exchanged_while_it_was_away_is_no_changed_setting() -> None:
     read = [
         row.readback
         for row in run.memory.settings
-        if (row.setting, row.tool) == ("sleep_temperature", FAMILIES["dde"].tool_name(3))
+        if (row.setting, row.tool_name) == ("sleep_temperature", FAMILIES["dde"].tool_name(3))
     ]
     assert read == ["210"]
 

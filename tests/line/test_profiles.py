@@ -13,19 +13,24 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.app.run.first_run import FIRST_DURATION, fitting_recipe
-from jbclog.app.run.options import RunOptions
-from jbclog.app.run.plan import Plan, make_plan
-from jbclog.config.durations import span_s
-from jbclog.config.line import StationSpec, load_line
-from jbclog.config.recipe import COMMAND_OF
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.session.scheduler import AUTO_RATES_HZ
 from support.command import PROFILES, RECIPE
 from support.invoked import invoked
+from support.product import (
+    AUTO_RATES_HZ,
+    COMMAND_OF,
+    FAMILIES,
+    FIRST_DURATION,
+    RunOptions,
+    RunPlan,
+    StationSpec,
+    check_run,
+    fitting_recipe,
+    load_line,
+    make_plan,
+    open_run,
+    read_manifest,
+    span_s,
+)
 from support.virtual.recorded_run import RecordedRun
 
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
@@ -61,7 +66,7 @@ every_line = pytest.mark.parametrize("path", LINES, ids=lambda path: path.stem)
 Recorded = Callable[[Path], RecordedRun]
 
 
-def plan_of(path: Path) -> Plan:
+def plan_of(path: Path) -> RunPlan:
     """Return the plan of a line with its own recipes; a line without any gets the demo's."""
     own = all(station.recipe is not None for station in load_line(path).stations)
     return make_plan(RunOptions(path, None if own else RECIPE, duration_s=SECONDS))
@@ -98,7 +103,7 @@ def test_it_runs_to_an_accepted_record(path: Path, recorded: Recorded) -> None:
         one.text for one in result.findings
     ]
     assert result.exit_code == (1 if path.stem in OTHERWISE else 0)
-    assert check(result.folder) == []
+    assert check_run(result.folder) == []
 
 
 @every_line

@@ -7,13 +7,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jbclog.core.rows import COLUMN, SampleRow
-from jbclog.session.run.context import PortState
-from jbclog.session.run.readings import fell_too_fast
-from jbclog.sim.port import NO_TOOL, SimPort
-from jbclog.sim.virtual import VirtualStation
 from support.oracles.account import assert_account_holds, reasons_in, reasons_of
 from support.plants import fifth_plant, second_plant, sixth_plant
+from support.product import (
+    COLUMN,
+    SIM_NO_TOOL,
+    PortState,
+    SampleRow,
+    SimPort,
+    VirtualStation,
+    fell_too_fast,
+)
 from support.readers.repository import ROOT
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
@@ -45,7 +49,7 @@ def pull(run: VirtualRun, second: float, name: str = "dde-1", number: int = 1) -
     """Pull the tool out, and put it back, cold, `AWAY_S` later."""
     port = port_of(run, name, number)
     tool = port.tool
-    run.at(second, lambda: port.plug(NO_TOOL))
+    run.at(second, lambda: port.plug(SIM_NO_TOOL))
     run.at(second + AWAY_S, lambda: port.plug(tool))
 
 

@@ -11,30 +11,39 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 
 import pytest
 
-import jbclog
-from jbclog.config.line import StationSpec
-from jbclog.config.sim_spec import SimSpec
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import StationError
-from jbclog.core.io_requests import Reopen, Steps
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.client.timing import MODEL, change_address, restart
-from jbclog.protocol.commands.decisions import DECISIONS
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.sim.omega import OMEGA_QUIRKS
-from jbclog.sim.quirks import QUIRKS
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.virtual import VirtualDriver
+from support.product import (
+    COLUMN,
+    FAMILIES,
+    SAMPLE_COLUMNS,
+    SIGNAL_COLUMNS,
+    TIMED_READ,
+    LineFormat,
+    Reopen,
+    SimSpec,
+    Station,
+    StationError,
+    StationSpec,
+    Steps,
+    VirtualClock,
+    VirtualDriver,
+    VirtualStation,
+    change_address,
+    contradictions,
+    omega_quirks,
+    restart,
+    robot_quirks,
+)
+from support.product import do as do_request
+from support.readers.texts import ROOT
 from support.virtual.lines import hot_air
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SECONDS = 14.0
+CONTRADICTIONS = contradictions()
+QUIRKS = robot_quirks()
 HOT_C, HOLDING_W = 350.0, 9.81
 FAMILIES_IN_RECIPE = re.compile("families = .*")
 
@@ -80,12 +89,7 @@ UNDEFINED = (
     '\n[[station.sim.fault]]\nkind = "nak"\ncode = 99999\ncommand = "tip_temperature"\n'
     "at_s = 4\nevery = 4\n"
 )
-RECIPE_OF_OMEGA = (
-    Path(jbclog.__file__)
-    .parents[1]
-    .joinpath("profiles/recipes/omega-point.toml")
-    .read_text(encoding="utf-8")
-)
+RECIPE_OF_OMEGA = ROOT.joinpath("profiles/recipes/omega-point.toml").read_text(encoding="utf-8")
 PLAIN = Case()
 ALE = Case("ale", "counters = {dispensed_length = 100.0, dispensed_cycles = 42}")
 
@@ -172,15 +176,13 @@ def settings(run: VirtualRun) -> list[tuple[object, ...]]:
 
 
 def counters(run: VirtualRun) -> list[tuple[object, ...]]:
-    return [
-        (row.station, row.port, row.counter, row.value, row.unit) for row in run.memory.counters
-    ]
+    return [(row.station, row.port, row.counter, row.value, row.uom) for row in run.memory.counters]
 
 
 def test_every_quirk_is_played() -> None:
     assert set(IN_A_RUN) | AT_THE_CLIENT == set(QUIRKS)
     assert set(IN_A_RUN) & AT_THE_CLIENT == set()
-    assert set(OMEGA_QUIRKS) == {"temperature_in_degrees", "in_range_is_optimal"}
+    assert set(omega_quirks()) == {"temperature_in_degrees", "in_range_is_optimal"}
 
 
 def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
@@ -193,7 +195,7 @@ def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
 
 @pytest.mark.parametrize("quirk", IN_A_RUN)
 def test_a_run_records_the_same_with_a_quirk_as_without(quirk: str) -> None:
-    case, number = IN_A_RUN[quirk], QUIRKS[quirk].number
+    case, number = IN_A_RUN[quirk], QUIRKS[quirk]
     usual, odd = run_of(case), run_of(case, quirk)
     assert (
         (odd.facts.outcome, odd.facts.reason)
@@ -212,15 +214,14 @@ def test_a_run_records_the_same_with_a_quirk_as_without(quirk: str) -> None:
 
 @pytest.mark.parametrize("quirk", [quirk for quirk, case in IN_A_RUN.items() if case.tells])
 def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: str) -> None:
-    number = QUIRKS[quirk].number
+    number = QUIRKS[quirk]
     run = run_of(IN_A_RUN[quirk], quirk)
     (event,) = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == number]
-    assert event.text.startswith(DECISIONS[number].met)
+    row = CONTRADICTIONS[number]
+    assert event.text.startswith(row.met)
     assert "First met: " in event.text
     assert event.raw
-    assert event.severity == (
-        "warning" if DECISIONS[number].doubtful and not DECISIONS[number].usual else "info"
-    )
+    assert event.severity == ("warning" if row.doubtful and not row.usual else "info")
     assert event.station == "dde-1"
 
 
@@ -323,10 +324,10 @@ def do(
     """Return the client, and the value or the error of its request."""
     station, outcome = Station(LineFormat(), address), list[object]()
 
-    def steps() -> Steps[None]:
-        station.unasked((yield Reopen()))
+    async def steps() -> None:
+        station.unasked(await do_request(Reopen()))
         try:
-            outcome.append((yield from ask(station)))
+            outcome.append(await ask(station))
         except StationError as error:
             outcome.append(error)
 
@@ -393,7 +394,9 @@ def test_a_station_that_does_not_come_back_is_gone() -> None:
 def test_nobody_is_found_under_another_address_whether_that_is_refused_or_not(
     quirk: tuple[str, ...], address: int | None
 ) -> None:
-    station, outcome = do(station_of("dde", *quirk), lambda client: client.read(MODEL), address)
+    station, outcome = do(
+        station_of("dde", *quirk), lambda client: client.read(TIMED_READ), address
+    )
     assert isinstance(outcome, StationError)
     assert station.exchanges >= 3
 

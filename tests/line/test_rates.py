@@ -9,20 +9,26 @@ from itertools import pairwise, takewhile
 
 import pytest
 
-from jbclog.core.errors import StartRefused
-from jbclog.core.io_requests import IoResult, Request, Steps, relay
-from jbclog.core.rows import COLUMN
-from jbclog.protocol.client.timing import LEAST_READS, READS
-from jbclog.session.run.context import PortState
-from jbclog.session.run.pace import APART_S, choose_pace
-from jbclog.session.scheduler import CEILING
 from support.oracles.account import assert_account_holds, wrong_values
+from support.product import (
+    APART_S,
+    COLUMN,
+    LEAST_TIMED_READS,
+    SLOW_CEILING,
+    TIMED_READS,
+    IoResult,
+    PortState,
+    Request,
+    StartRefused,
+    do,
+    relay,
+)
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 PERIOD_S = {
     "alarm_high": 2,
     "port_error": 2,
-    "set_c": 5,
+    "setpoint_c": 5,
     "tool": 5,
     "station_error": 5,
     "transistor_c": 10,
@@ -68,11 +74,11 @@ def test_ten_minutes_of_the_products_own_profile() -> None:
         assert set(run.memory.column("quality", port)) == {"ok"}
         for column, period_s in PERIOD_S.items():
             if port == 1 or column not in STATION_WIDE:
-                assert max(gaps_s(run, column, port)) <= CEILING * period_s, column
+                assert max(gaps_s(run, column, port)) <= SLOW_CEILING * period_s, column
     times = [
         one.time / 1e6 for one in run.memory.counters if (one.port, one.counter) == (2, "work_h")
     ]
-    assert max(after - before for before, after in pairwise(times)) <= CEILING * 60
+    assert max(after - before for before, after in pairwise(times)) <= SLOW_CEILING * 60
     assert_account_holds(run)
     assert wrong_values(run) == []
 
@@ -104,7 +110,7 @@ def test_fit_takes_the_best_rate_and_keeps_it(turnaround_ms: float) -> None:
     run = prepare(line, duration_s=120, rate="fit").go()
     assert run.facts.outcome == "completed"
     assert set(run.memory.column("quality")) == {"ok"}
-    assert run.facts.worst_slow_periods <= CEILING
+    assert run.facts.worst_slow_periods <= SLOW_CEILING
     assert run.facts.period_s is not None
     assert 1 / run.facts.period_s <= 10
     assert_account_holds(run)
@@ -119,10 +125,10 @@ def test_a_link_that_is_too_slow_with_pauses_too_is_refused() -> None:
     assert "at 60.00 ms response time" in run.facts.reason
     asked = [one for one in run.heard if one.text in ("RTT1", "RSER")]
     assert Counter(one.text for one in asked) == {
-        "RTT1": LEAST_READS + READS // 2,
-        "RSER": READS // 2,
+        "RTT1": LEAST_TIMED_READS + TIMED_READS // 2,
+        "RSER": TIMED_READS // 2,
     }
-    again = [one.at for one in asked[-READS:]]
+    again = [one.at for one in asked[-TIMED_READS:]]
     assert min(after - before for before, after in pairwise(again)) > APART_S
     assert run.writes == []
 
@@ -135,8 +141,8 @@ def test_a_computer_that_is_late_at_the_start_is_not_taken_for_slow_stations() -
     names = [f"dde-{number}" for number in range(1, 21)]
     run: VirtualRun
 
-    def slowly(request: Request) -> Steps[IoResult]:
-        heard = yield request
+    async def slowly(request: Request) -> IoResult:
+        heard = await do(request)
         if not run.memory.samples:
             clock = run.driver.clock
             clock.advance_to(clock.monotonic() + 0.0015)
@@ -152,7 +158,7 @@ def test_a_computer_that_is_late_at_the_start_is_not_taken_for_slow_stations() -
     assert [(one.outcome, one.rate_hz, one.reason) for one in found] == 20 * [("completed", 10, "")]
     for tap in run.taps.values():  # each was measured again
         asked = [one.text for one in takewhile(lambda one: not one.is_write, tap.heard)]
-        assert asked.count("RSER") == READS // 2
+        assert asked.count("RSER") == TIMED_READS // 2
 
 
 def test_fit_never_takes_more_than_the_recipe_asks() -> None:
@@ -168,8 +174,8 @@ def test_max_asks_without_pause() -> None:
     asked = [one.at for one in run.heard if one.at > run.t0 + 2]
     busy = len(asked) * (0.0140625 + 0.001) / (asked[-1] - asked[0])
     assert busy > 0.99
-    assert {"alarm_high", "set_c", "delay_s"} <= set(run.facts.due["1"])
-    assert run.facts.worst_slow_periods <= CEILING
+    assert {"alarm_high", "setpoint_c", "delay_s"} <= set(run.facts.due["1"])
+    assert run.facts.worst_slow_periods <= SLOW_CEILING
     assert_account_holds(run)
 
 
@@ -321,10 +327,10 @@ def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(
     context.ports[1] = PortState(1, 2)
     context.facts.turnaround_us = {"median": 5_000.0, "p99": 250_000.0, "n": 12}
     if fits:
-        assert choose_pace(context).period_s == pytest.approx(1 / 3)
+        assert context.choose_pace().period_s == pytest.approx(1 / 3)
         return
     with pytest.raises(StartRefused, match=r"250\.00 ms response time"):
-        choose_pace(context)
+        context.choose_pace()
 
 
 def test_a_line_on_which_most_questions_are_lost_is_not_run_on() -> None:

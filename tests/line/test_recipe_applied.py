@@ -8,11 +8,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from jbclog.core.quantities import OFF
-from jbclog.core.rows import SettingRow
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.status import STAND, WORKING
-from jbclog.session.run.setting import REPEATS
+from support.product import FAMILIES, OFF, SETTING_REPEATS, STAND, WORKING, SettingRow
 from support.virtual.lines import fault, say
 from support.virtual.virtual_run import RECIPE, VirtualRun, is_cold_in_extractor, line_text, prepare
 
@@ -111,7 +107,7 @@ def test_a_recipe_that_holds_already_writes_nothing_the_second_time() -> None:
 def test_a_key_that_the_recipe_does_not_have_is_read_and_recorded_and_left_alone() -> None:
     run = prepare(line_text("settings = {adjust = -7}"), duration_s=1).go()
     (row,) = rows(run, "adjust")
-    assert (row.tool, row.requested, row.written, row.readback, row.outcome) == (
+    assert (row.tool_name, row.requested, row.written, row.readback, row.outcome) == (
         TOOL_2,
         None,
         None,
@@ -204,7 +200,7 @@ def test_a_refusal_stops_the_run(code: int) -> None:
         f"N {code:05d}",
         "previous value: off",
     )
-    sent = 1 + REPEATS if code in (1, 2) else 1  # what was not understood was not done
+    sent = 1 + SETTING_REPEATS if code in (1, 2) else 1  # what was not understood was not done
     assert [one.text for one in run.writes].count("WHA100380") == sent
 
 
@@ -294,7 +290,7 @@ def lose(run: VirtualRun, code: str, times: int) -> None:
     tap.receive = receive  # type: ignore[method-assign]
 
 
-@pytest.mark.parametrize("times", range(1, 1 + REPEATS))
+@pytest.mark.parametrize("times", range(1, 1 + SETTING_REPEATS))
 @pytest.mark.parametrize(
     ("code", "setting", "asked"),
     [
@@ -334,9 +330,12 @@ def test_a_write_that_is_always_lost_stops_the_run_and_says_how_often_it_was_tri
     lose(run, "HA1", 99)
     run.go()
     assert outcome(run, "alarm_high_limit") == "mismatch"
-    assert run.facts.settings_repeated == REPEATS
+    assert run.facts.settings_repeated == SETTING_REPEATS
     assert_stopped_before_sampling(
-        run, "alarm high limit of port 1", "400 °C was read back", f"in {1 + REPEATS} writes"
+        run,
+        "alarm high limit of port 1",
+        "400 °C was read back",
+        f"in {1 + SETTING_REPEATS} writes",
     )
 
 
@@ -610,7 +609,7 @@ def test_settings_of_a_tool_go_to_the_tool_that_is_there() -> None:
     assert {(write.port, write.tool) for write in run.station.log.written("sleep_delay")} == {
         (1, 3)
     }
-    assert rows(run, "sleep_delay")[0].tool == TOOL_3
+    assert rows(run, "sleep_delay")[0].tool_name == TOOL_3
 
 
 def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
@@ -622,7 +621,7 @@ def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
     run.go()
     (event,) = run.memory.of_kind("tool.changed")
     assert f"from {TOOL_2} to {TOOL_3}" in event.text
-    assert [row.readback for row in rows(run, "adjust") if row.tool == TOOL_3] == ["-9"]
+    assert [row.readback for row in rows(run, "adjust") if row.tool_name == TOOL_3] == ["-9"]
     assert [one.text for one in run.writes if run.t0 + 4 < one.at < run.t0 + 12] == []
 
 
@@ -706,7 +705,7 @@ def test_a_tool_whose_number_no_command_can_carry_is_recorded_as_that_number() -
     say(run, "CT1", "00012", 0, times=1000)
     run.go()
     assert run.facts.outcome == "completed"
-    assert run.facts.tools[1] == "tool_12"
+    assert run.facts.tool_names[1] == "tool_12"
     assert set(run.memory.column("tool")) == {12, None}
     assert outcome(run, "sleep_delay") == outcome(run, "hibernation_delay") == "unsupported"
     assert outcome(run, "selected_temperature") == "unchanged"

@@ -4,17 +4,11 @@ same rows.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from jbclog.core.rows import COLUMN
-from jbclog.protocol.client import timing
-from jbclog.record.capture import wire_path
-from jbclog.session.run import identify
-from jbclog.session.run.context import StationTask
-from support.readers.run_files import read_rows
+from support.product import ANOTHER_REQUEST, COLUMN, captured_rows, cut_capture, measure_less
 from support.virtual.captured_run import RECIPE_FILE, recorded, relived
 from support.virtual.virtual_run import RECIPE, Memory, line_text
 
@@ -81,7 +75,7 @@ def test_a_run_that_somebody_ended(tmp_path: Path, second: float) -> None:
     assert_same(run.memory, again)
     assert any(
         "SIGINT" in row.text
-        for row in read_rows(wire_path(tmp_path / "run", "dde-1"))
+        for row in captured_rows(tmp_path / "run", "dde-1")
         if row.what == "stopped"
     )
 
@@ -118,21 +112,14 @@ def test_each_station_of_a_line(tmp_path: Path) -> None:
 # -- a program that has changed since --------------------------------------------------------------
 
 
-def ask_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Measure the response time with two reads less."""
-    monkeypatch.setattr(timing, "READS", timing.READS - 2)
-    monkeypatch.setattr(timing, "LEAST_READS", timing.LEAST_READS - 2)
-    monkeypatch.setattr(identify, "LEAST_ANSWERED", identify.LEAST_ANSWERED - 2)
-
-
 def test_a_program_that_asks_something_else_ends_where_it_leaves_its_tape(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It measured less, so its first event is earlier; behind the departure it records nothing."""
     run = recorded(tmp_path / "run", line_text(TROUBLE["corrupt frames"]), duration_s=10)
-    ask_less(monkeypatch)
+    measure_less(monkeypatch)
     again, left = relived(tmp_path / "run")
-    assert "it would gather; recorded is ask" in str(left["dde-1"])
+    assert ANOTHER_REQUEST in str(left["dde-1"])
     assert not left["dde-1"].is_cut_off
     kinds = [row.kind for row in again.events]
     assert kinds == ["station.ready"]
@@ -159,8 +146,7 @@ def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(
     tmp_path: Path, share: float
 ) -> None:
     run = recorded(tmp_path / "run", line_text(TROUBLE["an outage"]), duration_s=10)
-    path = wire_path(tmp_path / "run", "dde-1")
-    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    cut_capture(tmp_path / "run", "dde-1", share)
     again, left = relived(tmp_path / "run")
     assert left["dde-1"].is_cut_off
     assert again.samples == run.memory.samples[: len(again.samples)]
@@ -169,40 +155,9 @@ def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(
     assert again.settings
 
 
-# -- nothing is forgotten --------------------------------------------------------------------------
-
-
-def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
-    """A new field of the order must be stored in the head of the capture, and passed on by
-    `plan_of`.
-    """
-    of_line = {
-        "name",
-        "family",
-        "model",
-        "line",
-        "address",
-        "ports",
-        "rated_power_w",
-    }
-    of_recipe, of_program = {"recipe"}, {"families", "sharers"}
-    of_head = {
-        "url",
-        "recipe_file",
-        "t0",
-        "duration_s",
-        "rate",
-        "allow_omega_write",
-        "may_be_missing",
-    }
-    assert {
-        field.name for field in fields(StationTask)
-    } == of_line | of_recipe | of_program | of_head
-
-
 def test_every_byte_is_kept_with_its_time(tmp_path: Path) -> None:
     run = recorded(tmp_path / "run", line_text(TROUBLE["noise"]), duration_s=5)
-    rows = list(read_rows(wire_path(tmp_path / "run", "dde-1")))
+    rows = captured_rows(tmp_path / "run", "dde-1")
     asked = [(row.at_s, row.data) for row in rows if row.what == "sent"]
     assert [at for at, _ in asked] == [one.at for one in run.heard]
     assert all(one.text.encode() in data for one, (_, data) in zip(run.heard, asked, strict=True))

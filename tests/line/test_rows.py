@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.rows import COLUMN, SampleRow
-from jbclog.protocol.commands.family import FAMILIES, ROBOT
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.product import COLUMN, FAMILIES, ROBOT_PROTOCOL, SampleRow
 from support.virtual.lines import AIR, fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -43,7 +42,7 @@ def answered_otherwise(
 
 
 @pytest.mark.parametrize(
-    "family", [name for name, family in FAMILIES.items() if family.protocol == ROBOT]
+    "family", [name for name, family in FAMILIES.items() if family.protocol == ROBOT_PROTOCOL]
 )
 @pytest.mark.parametrize(
     "keys",
@@ -325,7 +324,7 @@ def test_counters_at_start_and_end_and_in_between() -> None:
         duration_s=150,
     ).go()
     found = [
-        (one.value, one.unit, one.raw) for one in run.memory.counters if one.counter == "work_h"
+        (one.value, one.uom, one.raw) for one in run.memory.counters if one.counter == "work_h"
     ]
     assert found == [(811.0, "h", "00811")] * 4  # at the start, twice, at the end
     assert {one.counter for one in run.memory.counters} == {
@@ -346,7 +345,7 @@ def test_a_counter_that_cannot_be_read_is_null_with_its_reason() -> None:
 def test_dispensed_length_is_hexadecimal_and_in_mm() -> None:
     run = of_family("ale", "counters = {dispensed_length = 409.6}", duration_s=2).go()
     assert {
-        (one.value, one.unit, one.raw)
+        (one.value, one.uom, one.raw)
         for one in run.memory.counters
         if one.counter == "dispensed_mm"
     } == {(409.6, "mm", "01000")}

@@ -8,22 +8,25 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.config.line import parse_line
-from jbclog.core.errors import RecordError
-from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import Value
-from jbclog.core.rows import EventRow, SampleRow
-from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
-from jbclog.session.run import station_run as session_run
-from jbclog.session.run.context import SessionContext
-from jbclog.session.run.scan import Fill, fill_of
-from jbclog.session.safety.secure import LOOK_S
-from jbclog.session.scheduler import ScheduledRead
-from jbclog.sim.port import STAND as STANDING
-from jbclog.sim.port import SimPort
-from jbclog.sim.virtual import build_device
 from support.oracles.account import assert_account_holds
 from support.oracles.listed_writes import strange_writes
+from support.product import (
+    COLUMN,
+    EXTRACTOR,
+    LOOK_S,
+    SIM_STAND,
+    STAND,
+    WORKING,
+    EventRow,
+    RecordError,
+    SampleRow,
+    SimPort,
+    before_each_value,
+    before_made_safe,
+    build_device,
+    parse_line,
+    patch,
+)
 from support.virtual.lines import fault
 from support.virtual.virtual_run import (
     RECIPE,
@@ -135,6 +138,20 @@ def test_a_line_on_which_much_is_asked_again_holds_up_no_safe_state() -> None:
         assert_safe(run)
 
 
+def test_the_tick_during_which_the_run_is_ended_has_whole_rows() -> None:
+    """What it had not read yet would count as lost."""
+    ended = set()
+    for step in range(12):
+        run = prepare(duration_s=None)
+        run.at(5 + 0.01 * step, lambda run=run: run.driver.end("SIGTERM"))
+        run.go()
+        ended.add(run.facts.last_tick)
+        assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}, step
+        for name in ("temperature_c", "power_permille", "status"):
+            assert None not in run.memory.column(name, 1) + run.memory.column(name, 2), step
+    assert len(ended) == 2  # in one tick, and in the next
+
+
 def test_a_setting_found_changed_stops_the_run() -> None:
     run = prepare(duration_s=60)
     run.at(5, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
@@ -158,17 +175,11 @@ def test_a_fault_of_this_program(monkeypatch: pytest.MonkeyPatch, reading: int) 
     """An unexpected exception at one of the readings."""
     count = iter(range(10_000))
 
-    def broken_fill(read: ScheduledRead, context: SessionContext) -> Fill:
-        fill = fill_of(read, context)
+    def broken() -> None:
+        if next(count) == reading:
+            raise ZeroDivisionError("injected")
 
-        def broken(row: SampleRow, value: Value) -> None:
-            if next(count) == reading:
-                raise ZeroDivisionError("injected")
-            fill(row, value)
-
-        return broken
-
-    monkeypatch.setattr("jbclog.session.run.scan.fill_of", broken_fill)
+    before_each_value(monkeypatch, broken)
     run = prepare(duration_s=5).go()
     assert run.facts.outcome == "failed"
     assert "ZeroDivisionError: injected" in run.facts.reason
@@ -214,15 +225,14 @@ def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(
     """For example, memory is refused once: the tools are made safe, and the record also has all
     readings and events after that.
     """
-    real, refused = session_run.make_safe, list[str]()
+    refused: list[str] = []
 
-    def refusing(context: SessionContext) -> Steps[None]:
+    def refusing(name: str) -> None:
         if not refused:
-            refused.append(context.name)
+            refused.append(name)
             raise MemoryError
-        return real(context)
 
-    monkeypatch.setattr(session_run, "make_safe", refusing)
+    before_made_safe(monkeypatch, refusing)
     run = prepare(line_text()).go()
     assert refused
     assert "MemoryError" in run.facts.reason
@@ -264,11 +274,11 @@ def test_a_feeder_that_the_robot_starts_again_before_its_tool_rests_is_stopped_a
     feeder, order = run.station.plant.feeder, SimPort.order
 
     def start_and_order(port: SimPort, state: int, extractor: bool) -> None:
-        if (state, extractor) == (STANDING, False):
+        if (state, extractor) == (SIM_STAND, False):
             feeder.start(run.driver.clock.monotonic())
         order(port, state, extractor)
 
-    monkeypatch.setattr(SimPort, "order", start_and_order)
+    patch(monkeypatch, "SimPort.order", start_and_order)
     run.go()
     assert [one.text for one in run.writes][-3:] == ["WSTP00000", "WPS100001", "WSTP00000"]
     assert feeder.motor(run.driver.clock.monotonic()) == 0

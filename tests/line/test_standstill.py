@@ -8,11 +8,22 @@ from contextlib import suppress
 
 import pytest
 
-from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
-from jbclog.core.rows import COLUMN
-from jbclog.session.run.lateness import SkippedTicks, Standstill
 from support.oracles.account import assert_account_holds
+from support.product import (
+    COLUMN,
+    Ask,
+    IoResult,
+    LinkError,
+    Listen,
+    Reopen,
+    SkippedTicks,
+    Standstill,
+    Wait,
+    do,
+    pull,
+    send,
+    throw,
+)
 from support.virtual.lines import fault
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
@@ -80,6 +91,24 @@ def test_a_host_that_stood_still_in_an_outage_leaves_no_rows_of_it() -> None:
     assert 80 < event.value < 91
     assert 800 < run.facts.skipped < 910
     assert_account_holds(run)
+
+
+@pytest.mark.parametrize("end_s", [60, 80.8])
+def test_a_run_that_ends_with_the_standstill_of_an_outage_leaves_no_tick_out(end_s: float) -> None:
+    """Its last tick is one without a row, or has one: that of a tick behind a standstill in the
+    middle of a seek, due before the seek was over.
+    """
+    for step in range(20):
+        run = prepare(
+            line_text(fault("silence", at_s=8, for_s=1000), "ports = [1]"), duration_s=end_s
+        )
+        stop_the_host(run, 20 + 0.1 * step, 60)
+        run.go()
+        assert len(run.memory.of_kind("host.suspended")) == 1
+        assert run.facts.first_tick is not None
+        assert run.facts.last_tick is not None
+        assert run.facts.last_tick - run.facts.first_tick + 1 == 10 * end_s, step
+        assert_account_holds(run)
 
 
 def test_short_pauses_are_rows() -> None:
@@ -209,11 +238,11 @@ def test_the_delay_of_skipped_ticks_is_the_part_that_was_given_and_the_greatest(
 # -- the measure itself ----------------------------------------------------------------------------
 
 
-def steps() -> Steps[str]:
-    first = yield Ask(b"?", 0.5)
-    second = yield Listen(first.now + 1)
-    yield Wait(second.now + 10)
-    yield Reopen()
+async def steps() -> str:
+    first = await do(Ask(b"?", 0.5))
+    second = await do(Listen(first.now + 1))
+    await do(Wait(second.now + 10))
+    await do(Reopen())
     return "done"
 
 
@@ -225,21 +254,21 @@ def watched(*heard: tuple[float, bytes, float] | None) -> Standstill:
     """
     measure = Standstill()
     session = measure.watch(steps(), 100.0)
-    next(session)
+    pull(session)
     with suppress(StopIteration):
         for one in heard:
             if one is None:
                 with pytest.raises(LinkError):
-                    session.throw(LinkError("gone"))
+                    throw(session, LinkError("gone"))
                 session = measure.watch(later(), 100.0)  # nobody has said when
-                next(session)
+                pull(session)
             else:
-                session.send(IoResult(one[0], one[1], 100.0, one[2]))
+                send(session, IoResult(one[0], one[1], 100.0, one[2]))
     return measure
 
 
-def later() -> Steps[None]:
-    yield Wait(0.0)
+async def later() -> None:
+    await do(Wait(0.0))
 
 
 def spans(*moments: float) -> list[tuple[float, float]]:

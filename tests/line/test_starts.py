@@ -13,15 +13,19 @@ from random import Random
 
 import pytest
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import text_of
-from jbclog.core.rows import SettingRow, StationFacts
-from jbclog.protocol.commands.status import STAND, WORKING
-from jbclog.session.run.context import StationTask
-from jbclog.sim.virtual import VirtualStation
 from support.campaigns.awaited import HOW_OFTEN
 from support.links.lossy_wire import ACCIDENTS, LossyWire
 from support.oracles.sane import assert_memory_is_bounded, must_end_within
+from support.product import (
+    STAND,
+    WORKING,
+    SettingRow,
+    StationFacts,
+    StationTask,
+    Steps,
+    VirtualStation,
+    text_of,
+)
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 STATIONS = 8

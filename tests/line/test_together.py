@@ -11,13 +11,24 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.outcome import Exit, exit_code, findings
-from jbclog.core.rows import StationFacts
-from jbclog.protocol.commands.status import STAND, WORKING
-from jbclog.session.run.context import StationTask
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.start_barrier import SILENT_S
+from support.product import (
+    SILENT_S,
+    STAND,
+    WORKING,
+    Exit,
+    RunEnded,
+    StationFacts,
+    StationTask,
+    Steps,
+    VirtualStation,
+    Wait,
+    do,
+    exit_code,
+    findings,
+    pull,
+    send,
+    throw,
+)
 from support.virtual.virtual_run import (
     RECIPE,
     Heard,
@@ -338,30 +349,27 @@ def hung(*, allow_missing: bool) -> VirtualRun:
     port.
     """
 
-    def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
-        from jbclog.core.io_requests import RunEnded, Wait
-
-        request = next(session)
+    async def late(session: Steps[StationFacts]) -> StationFacts:
+        request = pull(session)
         try:
-            yield Wait(1060.0)
+            await do(Wait(1060.0))
         except RunEnded as end:
-            request = session.throw(end)
+            request = throw(session, end)
         while True:
             try:
-                heard = yield request
+                heard = await do(request)
             except Exception as error:
                 step = error
                 try:
-                    request = session.throw(step)
+                    request = throw(session, step)
                 except StopIteration as done:
                     facts: StationFacts = done.value
                     return facts
                 continue
             try:
-                request = session.send(heard)
+                request = send(session, heard)
             except StopIteration as done:
-                facts = done.value
-                return facts
+                return done.value  # type: ignore[no-any-return]  # what the session returns
 
     def behind(
         order: StationTask, session: Steps[StationFacts], tap: object

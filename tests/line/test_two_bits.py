@@ -12,12 +12,10 @@ from typing import NamedTuple
 
 import pytest
 
-from jbclog.core.quantities import Value
-from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import FAMILIES
 from support.campaigns.each_row import each_row
 from support.clients.corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
 from support.golden import FRAMES, Golden, manual_003
+from support.product import FAMILIES, Command, Value
 from support.readers.texts import ROOT
 
 FAMILIES_OF = {

@@ -8,11 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.rejudge import check_verdict
-from jbclog.analysis.run import open_run
-from jbclog.analysis.verdict import RULES
-from jbclog.app.run.plan import Plan
-from jbclog.app.run.run_record import Result
+from support.product import VERDICT_RULES, RunPlan, RunResult, check_verdict, open_run
 from support.records.verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING, StallingClock
 from support.virtual.lines import fault
 from support.virtual.recorded_run import RecordedRun, plan_in
@@ -23,19 +19,19 @@ NEVER = "\n[acceptance]\ncoverage_percent = 99.5\nat_work_percent = 0\n"
 
 def planned(
     home: Path, *parts: str, family: str = "dde", sim: str = "tool = 2", seconds: float = 48.5
-) -> Plan:
+) -> RunPlan:
     line = '[line]\nname = "bench"\n' + STATION.format(family=family, sim=sim)
     recipe = "".join([SOLDERING, *parts]).format(name="test")
     return plan_in(home, line, recipe, seconds, rate=4.0)
 
 
-def run(home: Path, *parts: str, stalls_s: tuple[float, ...] = (), **more: str) -> Result:
+def run(home: Path, *parts: str, stalls_s: tuple[float, ...] = (), **more: str) -> RunResult:
     return RecordedRun(
         planned(home, *parts, **more), home / "runs", StallingClock(stalls_s, 0.6)
     ).result  # type: ignore[arg-type]
 
 
-def result_of(result: Result, name: str) -> set[object]:
+def result_of(result: RunResult, name: str) -> set[object]:
     return {rule["result"] for rule in result.manifest.verdict_rules if rule["name"] == name}
 
 
@@ -46,7 +42,7 @@ def test_a_run_that_never_puts_its_tools_to_work_is_inconclusive(
     result = run(tmp_path, order, ONLY_COVERAGE)
     assert (result.manifest.verdict, result.exit_code) == ("INCONCLUSIVE", 1)
     assert result_of(result, "reached") == {"missing"}
-    assert result.manifest.rules == RULES
+    assert result.manifest.rules == VERDICT_RULES
     assert check_verdict(result.folder, result.manifest).differing == []
 
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.config.recipe_settings import condition_of
-from jbclog.core.errors import WriteForbidden
-from jbclog.core.io_requests import Steps
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run import station_run as chapters
-from jbclog.session.run.context import SessionContext
-from jbclog.session.run.setting import WRITES, listed
 from support.oracles.listed_writes import strange_writes
+from support.product import (
+    FAMILIES,
+    RUN_WRITES,
+    WriteForbidden,
+    condition_of,
+    write_before_sampling,
+)
 from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 PROFILES = Path(__file__).parents[2] / "profiles"
@@ -89,7 +89,7 @@ def test_omega_s_condition_is_on_the_list_only_where_that_is_allowed(allowed: bo
     with (
         nullcontext() if allowed else pytest.raises(WriteForbidden, match="the run does not allow")
     ):
-        listed(context)(context.command("store_condition"), condition, None, None)
+        context.listed_writes()(context.command("store_condition"), condition, None, None)
 
 
 @pytest.mark.parametrize(
@@ -129,10 +129,10 @@ def test_the_table_names_commands_that_there_are_and_none_that_is_dangerous() ->
     known = {
         name: command for family in FAMILIES.values() for name, command in family.commands.items()
     }
-    assert set(WRITES) <= set(known)
+    assert set(RUN_WRITES) <= set(known)
     # which wants --allow-omega-write
-    assert [name for name in WRITES if known[name].dangerous] == ["store_condition"]
-    assert all(known[name].writable for name in WRITES)
+    assert [name for name in RUN_WRITES if known[name].dangerous] == ["store_condition"]
+    assert all(known[name].writable for name in RUN_WRITES)
 
 
 def slips_in(
@@ -143,14 +143,7 @@ def slips_in(
     tool: int | None = None,
 ) -> None:
     """Simulate a bug: in the middle of a run, the program writes something unrequested."""
-    counters = chapters.read_counters
-
-    def broken(context: SessionContext) -> Steps[None]:
-        yield from counters(context)
-        if context.facts.first_tick is None:
-            yield from context.station.write(context.command(name), value, port, tool)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(chapters, "read_counters", broken)
+    write_before_sampling(monkeypatch, name, value, port, tool)
 
 
 @pytest.mark.parametrize(
@@ -226,9 +219,8 @@ def test_what_is_not_on_the_list_is_refused_and_the_tools_are_made_safe(
 
 
 def test_a_person_s_client_is_not_bound_by_it() -> None:
-    from jbclog.core.serial_line import LineFormat
-    from jbclog.protocol.client.robot import Station
+    from support.product import LineFormat, Station, pull
 
     station = Station(LineFormat(19200, "8N1"))
-    asked = next(iter(station.write(FAMILIES["dde"].commands["maximum_temperature"], 400)))
+    asked = pull(station.write(FAMILIES["dde"].commands["maximum_temperature"], 400))
     assert b"WMAT00400" in asked.data  # type: ignore[union-attr]

@@ -1,17 +1,16 @@
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from jbclog.protocol.client import dialogue
-from jbclog.sim import process
-from jbclog.sim.process import SimProcess
 from support.command import BENCH, WireLog
+from support.product import SimProcess, patch
 from support.warm_start import fork_modules
 
-fork_modules(process)
+fork_modules(sys.modules[SimProcess.__module__])
 
 PATIENT_S = 1.5
 
@@ -23,8 +22,8 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     For tests that do not depend on this time: virtual stations may wait for a processor, and a
     station with three unanswered questions in a row counts as silent.
     """
-    for name in ("UNMEASURED_S", "LEAST_S", "MOST_S"):
-        monkeypatch.setattr(dialogue, name, PATIENT_S)
+    for name in ("dialogue.UNMEASURED_S", "dialogue.LEAST_S", "dialogue.MOST_S"):
+        patch(monkeypatch, name, PATIENT_S)
 
 
 @pytest.fixture
@@ -32,7 +31,7 @@ def unhurried(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Give each station more than three seconds to confirm: a tool whose state is not read in time
     is ordered again, or not confirmed.
     """
-    monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 7.0)  # a guard waits 8
+    patch(monkeypatch, "secure.ALLOWED_S", 7.0)  # a guard waits 8
 
 
 @pytest.fixture

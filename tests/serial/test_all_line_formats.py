@@ -14,13 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.config.line import load_line
-from jbclog.core.serial_line import BAUDRATES, LineFormat
-from jbclog.sim.links import line_set
-from jbclog.sim.process import SimProcess
-from jbclog.transport.opening import open_port
 from support.command import jbclog
 from support.links.far_ends import terminal
+from support.product import BAUDRATES, LineFormat, SimProcess, line_set, load_line, open_port
 
 FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))
 
@@ -96,7 +92,7 @@ def test_stations_at_all_rates_are_recorded_side_by_side(tmp_path: Path) -> None
         said = jbclog("run", recipe, *arguments)
         assert [one.format for one in load_line(sim.line_path).stations] == formats
     assert said.returncode == 0, said.stderr
-    manifest = json.loads((Path(json.loads(said.stdout)["run"]) / "manifest.json").read_text())
+    manifest = json.loads((Path(json.loads(said.stdout)["folder"]) / "manifest.json").read_text())
     assert [one["baudrate"] for one in manifest["stations"]] == list(BAUDRATES)
     assert [one["format"] for one in manifest["stations"]] == formats
     assert {one["outcome"] for one in manifest["stations"]} == {"completed"}

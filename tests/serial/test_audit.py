@@ -15,21 +15,34 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from jbclog.analysis.run import open_run
-from jbclog.app.audit import records, survey
-from jbclog.app.audit.questions import SurveyTarget
-from jbclog.app.port_access import PortAccess
-from jbclog.core.rows import EventRow, Severity, StationFacts
-from jbclog.maintenance.counter_totals.observed import Observation, Standing
-from jbclog.maintenance.ledger import auditing, read_book
-from jbclog.maintenance.verification import Given, keep, own_of, verify
-from jbclog.record.live import LiveStore
-from jbclog.record.manifest import LineFile, Manifest, write_manifest
-from jbclog.sim.process import SimProcess
-from jbclog.transport.port import Port
 from support.command import RECIPE, WireLog, expect_terminated, is_sampling, started, until
 from support.faults.small_disk import small_disk
 from support.invoked import invoked
+from support.product import (
+    EventRow,
+    Given,
+    LineFile,
+    Manifest,
+    Observation,
+    Port,
+    PortAccess,
+    Severity,
+    SimProcess,
+    Standing,
+    StationFacts,
+    SurveyTarget,
+    auditing,
+    keep_verification,
+    open_for_survey,
+    open_run,
+    open_store,
+    own_verification,
+    patch,
+    read_counter_book,
+    run_that_holds,
+    verify_tip,
+    write_manifest,
+)
 
 pytestmark = pytest.mark.usefixtures("patient")
 
@@ -78,7 +91,7 @@ def audit(line: Path, ledger: Path, *more: str | Path) -> Result:
 
 def observed(ledger: Path) -> dict[str, Observation]:
     """Return the last observation of each station."""
-    return {one.station: one for one in read_book(ledger).observations}
+    return {one.station: one for one in read_counter_book(ledger).observations}
 
 
 def test_every_station_is_read_and_none_written_or_cleared(bench: Bench, tmp_path: Path) -> None:
@@ -159,7 +172,9 @@ def test_a_run_is_left_alone_and_its_record_read(
     finally:
         run.kill()
         run.communicate(timeout=200)
-    first, second = [one for one in read_book(ledger).observations if one.station == "ucr-1"]
+    first, second = [
+        one for one in read_counter_book(ledger).observations if one.station == "ucr-1"
+    ]
     for one in (first, second):
         assert (one.seen, one.source) == (True, f"run:{folder}")
         assert one.identity is not None
@@ -182,27 +197,27 @@ def has_errors(out: Path) -> bool:
 
 def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
     """Add the station of each port that the audits open to `opened`."""
-    real = survey._open
+    real = open_for_survey
 
     def noted(wanted: SurveyTarget, access: PortAccess) -> Port:
         port = real(wanted, access)
         opened.append(wanted.target.name)
         return port
 
-    monkeypatch.setattr(survey, "_open", noted)
+    patch(monkeypatch, "survey._open", noted)
 
 
 def _began_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulate runs that begin between the search for runs and the opening of the port: the lock
     decides.
     """
-    real, looks = survey.run_that_holds, []
+    real, looks = run_that_holds, []
 
     def holds(url: str) -> Path | None:
         looks.append(url)
         return real(url) if looks.count(url) > 1 else None
 
-    monkeypatch.setattr(survey, "run_that_holds", holds)
+    patch(monkeypatch, "survey.run_that_holds", holds)
 
 
 def test_a_run_without_counters_yet_says_when_to_try_again(
@@ -210,8 +225,8 @@ def test_a_run_without_counters_yet_says_when_to_try_again(
 ) -> None:
     folder = tmp_path / "runs" / "20261121T013000Z-bench-abcd"
     folder.mkdir(parents=True)
-    monkeypatch.setattr(
-        survey, "run_that_holds", lambda url: folder if url.endswith("dde-1") else None
+    patch(
+        monkeypatch, "survey.run_that_holds", lambda url: folder if url.endswith("dde-1") else None
     )
     ended = audit(bench.line, tmp_path / "counters.jsonl")
     assert ended.exit_code == 3
@@ -291,7 +306,7 @@ def test_a_full_disk_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Pat
     with small_disk(tmp_path / "disk", "64k") as disk:
         (disk / "filler").write_bytes(bytes(64 << 10))
         ended = audit(bench.line, disk / "counters.jsonl", "--json")
-        kept = read_book(disk / "counters.jsonl")
+        kept = read_counter_book(disk / "counters.jsonl")
     assert ended.exit_code == 4
     assert all(one["seen"] for one in json.loads(ended.stdout)["stations"])
     assert "No space left" in ended.stderr
@@ -311,7 +326,7 @@ def test_ctrl_c_leaves_what_was_read_in_the_ledger(tmp_path: Path) -> None:
         assert until(lambda: ledger.exists() and len(ledger.read_bytes()) > 0)
         process.send_signal(signal.SIGINT)
         out, notes = process.communicate(timeout=200)
-    book = read_book(ledger)
+    book = read_counter_book(ledger)
     assert book.wrong == []
     assert 0 < len(book.observations) < 16
     told = json.loads(out)
@@ -361,7 +376,7 @@ def test_the_ledger_is_shared_with_maintenance(bench: Bench, tmp_path: Path) -> 
     assert (told.exit_code, told.stderr) == (0, "")
     assert "dde-1 port 1  tip-change  A. Rossi  T-17  (line 4" in told.stdout
     assert audit(bench.line, ledger).exit_code == 0
-    assert read_book(ledger).wrong == []
+    assert read_counter_book(ledger).wrong == []
 
 
 @pytest.mark.parametrize(
@@ -435,7 +450,7 @@ def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> No
 def test_what_runs_saw_since_last_time_counts_once(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(records, "LAG", timedelta(0))
+    patch(monkeypatch, "audit_records.LAG", timedelta(0))
     ledger, out = tmp_path / "counters.jsonl", tmp_path / "runs"
     tasks = tmp_path / "tasks.toml"
     tasks.write_text(
@@ -459,12 +474,12 @@ def _a_run_with_an_error(out: Path) -> None:
     folder = out / "20261121T013000Z-bench-abcd"
     folder.mkdir(parents=True)
     line = LineFile("bench", "line.toml", "0" * 64)
-    stations = [StationFacts("dde-1", "url", "dde", "DDE", "1", ports=[1], tools={})]
+    stations = [StationFacts("dde-1", "url", "dde", "DDE", "1", ports=[1], tool_names={})]
     write_manifest(
         folder,
-        Manifest(folder.name, started="2026-11-21T01:30:00.000000Z", line=line, stations=stations),
+        Manifest(folder.name, start="2026-11-21T01:30:00.000000Z", line=line, stations=stations),
     )
-    store = LiveStore(folder, seal_every_s=None)
+    store = open_store(folder, seal_every_s=None)
     store.start()
     store.event(
         EventRow(int(time.time() * 1e6), "port.error", Severity.ERROR, "it happened", "dde-1", 1)
@@ -476,4 +491,6 @@ def _a_run_with_an_error(out: Path) -> None:
 
 def _a_verification(out: Path) -> None:
     given = Given("dde-1", 1, 351.0, "TC-7", date(2127, 3, 1), "T-17", "W")
-    keep(out, verify(given, own_of([350.0] * 12, 350.0), datetime.now(UTC)))
+    keep_verification(
+        out, verify_tip(given, own_verification([350.0] * 12, 350.0), datetime.now(UTC))
+    )

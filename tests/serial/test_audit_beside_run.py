@@ -11,13 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.audit import survey
-from jbclog.app.audit.questions import SurveyTarget
-from jbclog.app.port_access import PortAccess
-from jbclog.maintenance.counter_totals.observed import Observation
-from jbclog.maintenance.ledger import read_book
-from jbclog.sim.process import SimProcess
-from jbclog.transport.port import Port
 from support.command import (
     RECIPE,
     WireLog,
@@ -28,6 +21,16 @@ from support.command import (
     until,
 )
 from support.invoked import invoked
+from support.product import (
+    Observation,
+    Port,
+    PortAccess,
+    SimProcess,
+    SurveyTarget,
+    open_for_survey,
+    patch,
+    read_counter_book,
+)
 
 pytestmark = pytest.mark.usefixtures("patient")
 
@@ -64,7 +67,7 @@ class Bench:
 
     @property
     def seen(self) -> Observation:
-        return read_book(self.folder / "counters.jsonl").observations[-1]
+        return read_counter_book(self.folder / "counters.jsonl").observations[-1]
 
 
 @pytest.fixture
@@ -78,14 +81,14 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
     """Call `act` when the audit has opened the port, before its first question."""
-    real = survey._open
+    real = open_for_survey
 
     def opened(wanted: SurveyTarget, access: PortAccess) -> Port:
         port = real(wanted, access)
         act()
         return port
 
-    monkeypatch.setattr(survey, "_open", opened)
+    patch(monkeypatch, "survey._open", opened)
 
 
 def test_the_audit_was_first(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.audit.survey import AT_ONCE
-from jbclog.maintenance.ledger import read_book
-from jbclog.sim.process import SimProcess
 from support.invoked import invoked
+from support.product import AT_ONCE, SimProcess, read_counter_book
 
 STATION = (
     '[[station]]\nname = "d-{0}"\nurl = "d-{0}"\nfamily = "dde"\n[station.sim]\nwire ='
@@ -44,7 +42,7 @@ def test_eight_wires_at_a_time(tmp_path: Path, count: int, wire: str) -> None:
         took = time.monotonic() - begun
     assert ended.exit_code == 0, ended.stderr
     assert took < LIMIT_S
-    assert {one.station for one in read_book(ledger).observations if one.seen} == {
+    assert {one.station for one in read_counter_book(ledger).observations if one.seen} == {
         f"d-{one}" for one in range(count)
     }
     assert 2 <= most_at_once(log) <= AT_ONCE

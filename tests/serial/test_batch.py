@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.check import check
 from support import program
 from support.command import WireLog, is_sampling, jbclog, started, until
 from support.faults.batch_trial import Trial, disturbed, faults, recording, write_batch
+from support.product import check_run
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
@@ -86,7 +86,7 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(
     }
     for job in told["jobs"]:
         for run in job["runs"]:
-            assert check(Path(run["run"])) == []
+            assert check_run(Path(run["folder"])) == []
     for station in ("dde-1", "ucr-1"):
         assert STAND in wire.writes(station)[-2:]
     assert wire.writes("ale-1") == []

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.sim.process import SimProcess
 from support.command import RECIPE, WireLog, expect_terminated, is_sampling, started, until
 from support.invoked import invoked
+from support.product import SimProcess
 
 pytestmark = pytest.mark.usefixtures("patient")
 

@@ -11,7 +11,7 @@ import pytest
 from jbclog.config.line import Line, StationSpec, load_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
-from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.io_requests import reopen
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
@@ -58,10 +58,10 @@ def test_a_plain_loop_asks_a_station(served: Callable[..., Line]) -> None:
     spec = served("").station("s1")
     station = Station(spec.line_format, spec.address)
 
-    def session() -> Steps[list[Value]]:
-        yield Reopen()
-        model = yield from station.read(DDE["model"])
-        return [model, (yield from station.read(DDE["selected_temperature"], 1))]
+    async def session() -> list[Value]:
+        await reopen()
+        model = await station.read(DDE["model"])
+        return [model, await station.read(DDE["selected_temperature"], 1)]
 
     assert blocking.run(session(), opener(spec), sleep=time.sleep) == ["DDE", 350]
 
@@ -72,7 +72,7 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
     memory, clock, reactor = Memory(), SystemClock(), Reactor()
     recipe = parse_recipe(RECIPE + 'on_difference = "continue"\n')
     contexts = [
-        SessionContext(order_for(spec, recipe, clock, 100.0, None), memory, UtcOffset(clock))
+        SessionContext.of(order_for(spec, recipe, clock, 100.0, None), memory, UtcOffset(clock))
         for spec in line.stations
     ]
     for context, spec in zip(contexts, line.stations, strict=True):
@@ -82,8 +82,11 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
         0.3, lambda: reactor.end("seen") if "link.back" in memory.kinds() else None, "Look"
     )
     reactor.run()
-    assert [context.facts.outcome for context in contexts] == ["completed", "completed"]
-    assert [context.facts.outages for context in contexts] == [0, 1]
-    assert [context.facts.safe_state for context in contexts] == [{1: "verified"}, {1: "verified"}]
+    assert [context.state.facts.outcome for context in contexts] == ["completed", "completed"]
+    assert [context.state.facts.outages for context in contexts] == [0, 1]
+    assert [context.state.facts.safe_state for context in contexts] == [
+        {1: "verified"},
+        {1: "verified"},
+    ]
     kinds = [event.kind for event in memory.events if event.station == "s2"]
     assert kinds.index("link.lost") < kinds.index("link.back")

@@ -14,11 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.config.line import load_line
-from jbclog.record.check import check
-from jbclog.sim.process import SimProcess
 from support.command import RECIPE, jbclog
 from support.invoked import invoked
+from support.product import SimProcess, check_run, load_line
 
 
 @contextmanager
@@ -84,8 +82,8 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
             )
             run = jbclog(*words)
             assert json.loads(run.stdout)["safe_state"]["ucr-1"] == {"1": "verified"}, run.stderr
-            folder = Path(json.loads(run.stdout)["run"])
-            assert check(folder) == []
+            folder = Path(json.loads(run.stdout)["folder"])
+            assert check_run(folder) == []
             (station,) = json.loads((folder / "manifest.json").read_text())["stations"]
             assert station["turnaround_us"]["median"] == 0.0 <= station["turnaround_us"]["p99"]
             assert station["turnaround_us"]["faster_by"] > 1000

@@ -18,7 +18,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.sim.process import SimProcess
 from support.campaigns.awaited import (
     ITS_LINK_FLOODED,
     LINK_FLOODED,
@@ -27,6 +26,7 @@ from support.campaigns.awaited import (
 )
 from support.command import WireLog, jbclog, started, until
 from support.links.flooders import Flooded, Flooders
+from support.product import SimProcess, bytes_of_capture, reproduction
 from support.virtual.lines import line
 from support.virtual.virtual_run import RECIPE
 
@@ -156,9 +156,8 @@ def test_the_capture_of_a_flood_is_bounded_and_lived_through_again(tmp_path: Pat
             "--capture",
         )
     folder = Path(run.stdout.splitlines()[-1])
-    (captured,) = (folder / "wire").glob("dde-1*")
-    assert captured.stat().st_size < 300_000
+    assert 0 < bytes_of_capture(folder, "dde-1") < 300_000
     events = pd.read_parquet(folder / "events")
     assert (events["kind"] == "link.flooded").sum() == 1
-    again = jbclog("replay", folder, "--record", tmp_path / "again")
+    again = jbclog(*reproduction(folder, tmp_path / "again"))
     assert again.returncode == 0, again.stderr

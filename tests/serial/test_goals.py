@@ -11,13 +11,9 @@ from typing import IO
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.core.goal import Goal
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.sim.process import SimProcess
 from support.campaigns.awaited import ON_THE_BENCH
 from support.command import is_sampling, jbclog, recipe_text, until
+from support.product import MAIN, Goal, Manifest, SimProcess, check_run, open_run, read_manifest
 
 STATION = """
 [[station]]
@@ -64,7 +60,7 @@ def test_a_run_ends_with_as_many_joints_as_its_record_then_has(line: Path) -> No
     assert goal == Goal("joints", 6, len(open_run(folder).joints()), goal.text)
     assert goal.reached >= 6  # type: ignore[operator]  # of both stations; on a busy machine more, until it is found out
     assert [facts.safe_state for facts in manifest.stations] == [{1: "verified"}] * 2
-    assert check(folder) == []
+    assert check_run(folder) == []
     assert open_run(folder).events()["kind"].tolist().count("run.goal") == 1
 
 
@@ -78,7 +74,7 @@ def units(line: Path, *more: str, lines: list[str]) -> subprocess.CompletedProce
     words = [
         sys.executable,
         "-c",
-        "from jbclog.cli import main; main()",
+        MAIN,
         *arguments(line, "--units", "-", *more),
     ]
     with subprocess.Popen(
@@ -98,7 +94,7 @@ def test_a_run_ends_when_the_last_unit_is_finished(line: Path) -> None:
     folder, manifest = left(line)
     assert done.returncode == 0, done.stderr
     assert manifest.goals == [Goal("units", 2, 2, "Units finished: 2, wanted: 2.")]
-    assert [unit.serial for unit in manifest.units] == ["SN-1", "SN-2"]
+    assert [unit.unit for unit in manifest.units] == ["SN-1", "SN-2"]
     events = open_run(folder).events()
     assert events[events["kind"] == "unit.next"]["raw"].tolist() == ["SN-3"]
 
@@ -118,7 +114,7 @@ def test_a_signal_cuts_a_run_short_that_was_to_end_with_a_number(line: Path) -> 
     words = [
         sys.executable,
         "-c",
-        "from jbclog.cli import main; main()",
+        MAIN,
         *arguments(line, "--until-joints", "900"),
     ]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:

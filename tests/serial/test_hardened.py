@@ -15,13 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
 from support import program
 from support.command import RECIPE, WireLog, is_sampling, until
+from support.product import MAIN, check_run, read_manifest
 from support.readers.unit_file import AUDIT, UNIT
 
-JBCLOG = ("-c", "from jbclog.cli import main; main()")
+JBCLOG = ("-c", MAIN)
 
 
 @pytest.fixture
@@ -103,7 +102,7 @@ def test_the_unit_lets_a_run_be_recorded_and_sealed_and_the_line_be_made_safe(
     told = run.communicate(timeout=100)[1]
     (folder,) = (state / "runs").iterdir()
     manifest = read_manifest(folder)
-    assert (manifest.state, manifest.guard, manifest.lost, check(folder)) == (
+    assert (manifest.state, manifest.guard, manifest.lost, check_run(folder)) == (
         "sealed",
         "on",
         None,

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from support.command import RECIPE, WireLog, fresh
+from support.product import LOADED_TO_RECORD, NOT_LOADED_TO_RECORD
 
 # an attempt that was refused is a line too, so for pandas its inner rooms are looked for
 HEAVY = (
@@ -15,10 +16,7 @@ HEAVY = (
     "matplotlib",
     "jinja2",
     "scipy",
-    "jbclog.analysis.joints",
-    "jbclog.analysis.run",
-    "jbclog.report",
-    "jbclog.sim",
+    *NOT_LOADED_TO_RECORD,
 )
 
 
@@ -31,9 +29,5 @@ def test_a_whole_run_loads_no_heavy_package(
         "run", RECIPE, "--line", line, "--out", tmp_path, "-d", "2s", "-s", "ale-1", "--rate", "2"
     )
     loaded = set(re.findall(r"^import time:.*\| +([\w.]+)$", ended.stderr, re.MULTILINE))
-    assert {
-        "jbclog.session.run.station_run",
-        "jbclog.analysis.verdict.verdict",
-        "pyarrow.lib",
-    } <= loaded
+    assert loaded >= LOADED_TO_RECORD
     assert [name for name in loaded if name in HEAVY] == []

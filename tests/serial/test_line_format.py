@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 import serial
-from jbclog.config.line import load_line
-from jbclog.protocol.frame import Frame
-from jbclog.sim.process import SimProcess
+from support.product import Frame, SimProcess, load_line
 
 READ = Frame("R", "SMN", 0, 1).encode()
 UNPACED = "[station.sim]\nwire = false\n"

@@ -9,10 +9,16 @@ from collections.abc import Iterator
 
 import pytest
 
-from jbclog.core.errors import LinkError, UsageError
-from jbclog.core.serial_line import LineFormat
-from jbclog.transport.opening import BESIDE, EACH_PORT, allow_ports, open_port
 from support.links.far_ends import Terminal, terminal
+from support.product import (
+    BESIDE,
+    EACH_PORT,
+    LineFormat,
+    LinkError,
+    UsageError,
+    allow_ports,
+    open_port,
+)
 
 LINE = LineFormat()
 MANY = 300

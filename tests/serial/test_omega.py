@@ -9,9 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.record.check import check
-from jbclog.sim.process import SimProcess
 from support.command import PROFILES, jbclog
+from support.product import SimProcess, check_run
 
 LINE = """
 [line]
@@ -45,7 +44,7 @@ def test_a_run_that_proves_a_condition(line: Path, tmp_path: Path) -> None:
     folder = Path(ended.stdout.split()[-1])
     assert ended.returncode == code_of(folder), ended.stderr
     assert "note: omega-1 has no safe state that can be set" in ended.stderr
-    assert check(folder) == []
+    assert check_run(folder) == []
     samples = pd.read_parquet(folder / "samples")
     assert len(samples) == 2
     assert set(samples["solder_shortage"].dropna()) == {False}
@@ -75,7 +74,7 @@ def test_another_condition_is_written_with_leave(line: Path, tmp_path: Path) -> 
         "--allow-omega-write",
         "--json",
     )
-    folder = Path(json.loads(written.stdout)["run"])
+    folder = Path(json.loads(written.stdout)["folder"])
     assert written.returncode == code_of(folder), written.stderr
     settings = pd.read_parquet(folder / "settings").set_index("setting")
     assert settings.loc["condition_101.rise_s", "readback"] == "0.9"

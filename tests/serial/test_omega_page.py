@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from jbclog.record.check import check
 from support.command import jbclog
 from support.invoked import invoked
 from support.oracles.printed_omega import PageOmega, served
+from support.product import check_run
 
 RECIPE = (
     '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent'
@@ -45,8 +45,8 @@ def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
             "1",
             "--json",
         )
-    folder = Path(json.loads(run.stdout)["run"])
-    assert check(folder) == []
+    folder = Path(json.loads(run.stdout)["folder"])
+    assert check_run(folder) == []
     assert set(controller.texts) == {"A", "B", "F"}
     samples = pd.read_parquet(folder / "samples")
     assert samples["solder_shortage"].isna().all()

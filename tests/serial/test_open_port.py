@@ -19,12 +19,6 @@ from threading import enumerate as enumerate_threads
 import pytest
 
 import serial
-from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
-from jbclog.core.serial_line import LineFormat
-from jbclog.transport import opening
-from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
-from jbclog.transport.port import ObjectPort, Port, greeting_text
-from jbclog.transport.system_ports import holder_of, process_text
 from serial import rfc2217
 from support.command import until
 from support.links.far_ends import (
@@ -36,6 +30,24 @@ from support.links.far_ends import (
     server,
     settled_descriptors,
     terminal,
+)
+from support.product import (
+    HOLD_PORT,
+    MOST_WAITING,
+    LineFormat,
+    LinkError,
+    ObjectPort,
+    Port,
+    PortBusy,
+    PortForbidden,
+    PortMissing,
+    bytes_waiting,
+    greeting_text,
+    holder_of,
+    make_ready,
+    open_port,
+    patch,
+    process_text,
 )
 
 LINE = LineFormat()
@@ -254,16 +266,6 @@ def test_a_terminal_bears_no_mark_that_would_outlive_a_killed_recorder() -> None
         port.close()
 
 
-HOLD = """
-import sys
-from jbclog.transport.opening import open_port; from jbclog.transport import opening
-from jbclog.core.serial_line import LineFormat
-port = open_port(sys.argv[1], LineFormat())
-print("held", flush=True)
-sys.stdin.read()
-"""
-
-
 def test_another_program_is_named_and_its_death_frees_the_port() -> None:
     with terminal() as far, _holding(far) as holder:
         with pytest.raises(PortBusy) as refused:
@@ -308,7 +310,7 @@ def test_a_program_that_took_no_lock_is_found_by_its_open_files() -> None:
 
 def _holding(far: Terminal) -> subprocess.Popen[str]:
     holder = subprocess.Popen(
-        [sys.executable, "-c", HOLD, far.url],
+        [sys.executable, "-c", HOLD_PORT, far.url],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -393,7 +395,7 @@ def test_a_failed_opening_leaves_nothing_open() -> None:
     assert open_descriptors() == before
 
 
-@pytest.mark.parametrize("step", ["_keep_others_out", "DescriptorPort"])
+@pytest.mark.parametrize("step", ["opening._keep_others_out", "opening.DescriptorPort"])
 def test_an_opening_that_memory_is_refused_for_locks_nobody_out(
     step: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -404,8 +406,8 @@ def test_an_opening_that_memory_is_refused_for_locks_nobody_out(
 
     before = settled_descriptors()
     with terminal() as far:
-        with monkeypatch.context() as patch:
-            patch.setattr(opening, step, refuse)
+        with monkeypatch.context() as meanwhile:
+            patch(meanwhile, step, refuse)
             with pytest.raises(MemoryError):
                 open_port(far.url, LINE)
         open_port(far.url, LINE).close()
@@ -440,10 +442,9 @@ def test_an_rfc2217_server_that_sends_without_end_has_to_wait(
         sender = Thread(target=flood, daemon=True)
         sender.start()
         assert isinstance(port, ObjectPort)
-        opened = port._object()
-        assert until(lambda: opened.in_waiting >= MOST_WAITING)  # type: ignore[attr-defined]
+        assert until(lambda: bytes_waiting(port) >= MOST_WAITING)
         time.sleep(0.5)  # time for more
-        assert opened.in_waiting <= MOST_WAITING  # type: ignore[attr-defined]
+        assert bytes_waiting(port) <= MOST_WAITING
         assert port.read(20.0).startswith(b"x")
         port.close()
         is_over.set()

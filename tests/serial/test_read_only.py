@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import WriteForbidden
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.frame import only_reads
-from jbclog.transport.opening import open_port
-from jbclog.transport.port import Port
-from jbclog.transport.read_only import ReadOnly
 from support.links.far_ends import terminal
+from support.product import LineFormat, Port, ReadOnly, WriteForbidden, only_reads, open_port
 
 MODEL = b"\x02RSMN\x03\x03"  # 002, R-SMN, without addresses
 MAXIMUM = b"\x02" + b"0001" + b"WMAT00375" + b"\x03\x3e"  # 002, "Examples": W-MAT 375 from 00 to 01

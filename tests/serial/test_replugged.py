@@ -14,8 +14,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.record.check import check
 from support.command import started, until
+from support.product import check_run
 from support.virtual.served_line import ServedLine
 
 EXIT_STATION = 3
@@ -138,7 +138,7 @@ def renamed(tmp_path: Path) -> bool:
         # a busy machine may lose it once more
         assert told.count("link.lost") == told.count("link.back") >= 1
         assert "identity.changed" not in told
-        assert check(folder) == []
+        assert check_run(folder) == []
         assert_only_asked_writes(served)
         assert served.at_work() == 0
         return True
@@ -162,7 +162,7 @@ def swapped(tmp_path: Path, trial: int) -> None:
             counters = pd.read_parquet(run_folder / "counters")
             own = counters[(counters["station"] == name) & (counters["counter"] == "plugged_h")]
             assert set(own["value"].dropna()) == {hours}
-        assert check(run_folder) == []
+        assert check_run(run_folder) == []
         assert_only_asked_writes(served)
 
 

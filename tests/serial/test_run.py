@@ -14,11 +14,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.core.rows import SAMPLE_COLUMNS
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.sim.process import SimProcess
 from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, started, until
+from support.product import SAMPLE_COLUMNS, SimProcess, check_run, read_manifest
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
@@ -53,11 +50,11 @@ def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_
     ]
     assert (folder / "recipes" / RECIPE.name).read_bytes() == RECIPE.read_bytes()
     samples = pd.read_parquet(folder / "samples")
-    assert tuple(samples.columns) == SAMPLE_COLUMNS
+    assert tuple(samples.columns) == ("run", "seq", *SAMPLE_COLUMNS)
     assert len(samples) == 8
     assert (samples["tick"].diff().dropna() == 1).all()
     assert str(samples["time"].dtype) == "datetime64[us, UTC]"
-    assert check(folder) == []
+    assert check_run(folder) == []
     assert last_states(wire, "ale-1") == {STAND[4:]}
     assert wire.writes("dde-1") == []
 
@@ -78,7 +75,7 @@ def test_json_gives_one_object_with_the_run(bench: Bench, tmp_path: Path) -> Non
     line, _ = bench
     ended = jbclog(*recording(line, tmp_path / "runs", "-d 2s -s ucr-1 --json"))
     told = json.loads(ended.stdout)
-    assert told["run"] == str(only_run(tmp_path / "runs"))
+    assert told["folder"] == str(only_run(tmp_path / "runs"))
     assert told["exit_code"] == ended.returncode
 
 
@@ -99,7 +96,7 @@ def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
         assert last_states(wire, station) == {STAND[4:]}
     ale = wire.writes("ale-1")
     assert ale[ale.index(STAND) - 1] == "WSTP00000"  # the feeder first
-    assert check(only_run(tmp_path / "runs")) == []
+    assert check_run(only_run(tmp_path / "runs")) == []
 
 
 def test_signals_without_end_do_not_keep_a_record_from_being_sealed(
@@ -114,7 +111,7 @@ def test_signals_without_end_do_not_keep_a_record_from_being_sealed(
     told, notes = run.communicate()
     assert run.returncode == 130, notes
     assert told.split()[-1] == str(only_run(tmp_path / "runs"))
-    assert check(only_run(tmp_path / "runs")) == []
+    assert check_run(only_run(tmp_path / "runs")) == []
 
 
 def test_ctrl_c_is_the_normal_end_of_a_run_without_duration(bench: Bench, tmp_path: Path) -> None:
@@ -147,7 +144,7 @@ def test_a_second_recorder_is_told_who_holds_the_port(bench: Bench, tmp_path: Pa
     assert (
         read_manifest(refused).exit_status,
         read_manifest(refused).exit_code,
-        check(refused),
+        check_run(refused),
     ) == ("failed", 3, [])
 
 

@@ -15,17 +15,20 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app import safe_state
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.commands.status import STAND
-from jbclog.record.check import check
-from jbclog.record.manifest import read_manifest
-from jbclog.session.safety.secure import ALLOWED_S
-from jbclog.sim.port import HIBERNATION, WORKING
-from jbclog.transport.opening import open_port
 from support.command import is_sampling, jbclog, until
 from support.faults.guarded import only_run, running
 from support.invoked import invoked
+from support.product import (
+    SECURE_ALLOWED_S,
+    SIM_HIBERNATION,
+    SIM_WORKING,
+    STAND,
+    LineFormat,
+    check_run,
+    open_port,
+    patch,
+    read_manifest,
+)
 from support.readers.unit_file import command
 from support.virtual.served_line import FOUR_TOOLS, Order, ServedLine
 
@@ -42,7 +45,7 @@ def line(tmp_path: Path) -> Iterator[ServedLine]:
 
 def put_to_work(line: ServedLine) -> None:
     for port in line.tools():
-        port.order(WORKING, False)
+        port.order(SIM_WORKING, False)
     line.stations["ale-1"].plant.feeder.settings.feeder_mode = "continuous"
     line.stations["ale-1"].plant.feeder.start(time.monotonic())
 
@@ -58,7 +61,7 @@ def told(line: ServedLine, since: float) -> list[Order]:
 def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
     put_to_work(line)
     asleep = line.stations["dde-2"].plant.ports[1]
-    asleep.order(HIBERNATION, False)
+    asleep.order(SIM_HIBERNATION, False)
     now = time.monotonic()
     ended = invoked("safe", "--line", line.path)
     assert (ended.exit_code, ended.stderr) == (0, "")
@@ -73,7 +76,7 @@ def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
         ("ale-1", 0),
         ("ale-1", 1),
     }
-    assert (line.at_work(), line.motor("ale-1"), asleep.doing.state) == (0, False, HIBERNATION)
+    assert (line.at_work(), line.motor("ale-1"), asleep.doing.state) == (0, False, SIM_HIBERNATION)
     assert (
         max(order.at for order in told(line, now)) - min(order.at for order in told(line, now)) < 10
     )
@@ -102,7 +105,7 @@ def ports_told_to_stand(folder: Path) -> set[int] | None:
         tools = line.tools()
         for port in tools:
             port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
-            port.order(WORKING, True)
+            port.order(SIM_WORKING, True)
         tools[1].character.extractor_cools = True
         tools[1].changed()
         before = time.monotonic()
@@ -116,7 +119,7 @@ def ports_told_to_stand(folder: Path) -> set[int] | None:
     assert ended.returncode == 0, ended.stderr
     assert {order.value for order in orders} == {STAND}
     start_s = now - before  # of a process, on a machine that may be busy
-    assert orders[-1].at - now < 2 * ALLOWED_S + 2 * start_s
+    assert orders[-1].at - now < 2 * SECURE_ALLOWED_S + 2 * start_s
     ports = {order.port for order in orders}
     assert len(orders) < 2 * len(ports)  # one is repeated if its answer comes late
     return ports
@@ -134,20 +137,20 @@ def sampling(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Pop
 def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(
     line: ServedLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(safe_state, "TERM_S", 60.0)  # it hangs no longer on a busy machine
+    patch(monkeypatch, "safe_state.TERM_S", 60.0)  # it hangs no longer on a busy machine
     with sampling(line, tmp_path / "runs") as run:
         now = time.monotonic()
         ended = invoked("safe", "--line", line.path, "--json")
         run.communicate(timeout=200)
     facts, folder = json.loads(ended.stdout), only_run(tmp_path / "runs")
     assert ended.exit_code == 0, ended.stderr
-    assert facts["runs"] == [{"run": str(folder), "ended": "asked"}]
+    assert facts["runs"] == [{"run": folder.name, "folder": str(folder), "how": "asked"}]
     assert f"the run {folder} holds this line; it is ended with SIGTERM" in ended.stderr
     # the run had done it
     assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {True}
     assert told(line, now)
     assert line.at_work() == 0
-    assert (read_manifest(folder).exit_status, check(folder)) == ("success", [])
+    assert (read_manifest(folder).exit_status, check_run(folder)) == ("success", [])
 
 
 @pytest.mark.parametrize("guard", [True, False], ids=["guarded", "alone"])
@@ -159,7 +162,7 @@ def test_a_run_that_hangs_is_ended(line: ServedLine, tmp_path: Path, guard: bool
         assert run.wait(200) == -signal.SIGKILL
     facts = json.loads(ended.stdout)
     assert ended.returncode == 0, ended.stderr
-    ends = [run["ended"] for run in facts["runs"]]
+    ends = [run["how"] for run in facts["runs"]]
     # a guard is faster, where it gets the processor
     assert ends in ([["asked"], ["killed"], []] if guard else [["killed"]])
     if not guard:  # which else makes them safe, before or meanwhile
@@ -185,7 +188,7 @@ def test_the_service_does_it_when_its_run_was_killed_without_a_guard(
 def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(
     line: ServedLine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(safe_state, "CONNECT_S", 0.5)
+    patch(monkeypatch, "safe_state.CONNECT_S", 0.5)
     put_to_work(line)
     foreign = open_port(line.url("ucr-1"), LineFormat())
     try:
@@ -207,12 +210,12 @@ def test_waiting_on_real_ports(
     """Six tools with their heaters off cool down from 340 °C; one that is at work stays hot and is
     named.
     """
-    monkeypatch.setattr(safe_state, "COLD_EVERY_S", 0.3)
-    monkeypatch.setattr(safe_state, "COLD_WITHIN_S", 60.0 if cools else 2.0)
+    patch(monkeypatch, "safe_state.COLD_EVERY_S", 0.3)
+    patch(monkeypatch, "safe_state.COLD_WITHIN_S", 60.0 if cools else 2.0)
     for port in line.tools():
-        port.order(HIBERNATION, False)
+        port.order(SIM_HIBERNATION, False)
     if not cools:
-        line.tools()[0].order(WORKING, False)
+        line.tools()[0].order(SIM_WORKING, False)
     ended = invoked("safe", "--line", line.path, "--wait", "--below", "310")
     assert ended.exit_code == (0 if cools else 1), ended.stderr
     if cools:

@@ -20,17 +20,21 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.app.discovery import search
-from jbclog.config.line import load_line
-from jbclog.core.errors import PortBusy
-from jbclog.core.serial_line import LineFormat
-from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
-from jbclog.sim.process import SimProcess
 from support.command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
 from support.invoked import invoked
 from support.links.far_ends import Terminal, terminal
+from support.product import (
+    LineFormat,
+    PortBusy,
+    PortReport,
+    ScanPlan,
+    SimProcess,
+    Trial,
+    diagnose,
+    load_line,
+    open_run,
+    search_ports,
+)
 
 Bench = tuple[Path, WireLog]
 NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")
@@ -175,7 +179,7 @@ def test_the_line_format_behind_ser2net_is_found(tmp_path: Path) -> None:
     ):
         plan = ScanPlan((Trial(LineFormat()), Trial(LineFormat(38400))), addresses=(1,))
         for _ in range(TRIALS):
-            (report,) = search([(url, plan)])
+            (report,) = search_ports([(url, plan)])
             if report.station is not None:
                 break
     assert report.station is not None, report
@@ -258,7 +262,7 @@ def scanned(far: Terminal, shows: Callable[[PortReport], bool] = lambda _: True)
     """
     for _ in range(TRIALS):
         for _ in range(20):
-            (report,) = search([(far.url, SHORT)])
+            (report,) = search_ports([(far.url, SHORT)])
             if not isinstance(report.broken, PortBusy):
                 break
             time.sleep(0.2)

@@ -19,11 +19,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.record.check import check
-from jbclog.sim.process import SimProcess
 from support.campaigns.awaited import MADE_SAFE_BY_GUARD
 from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, started, until
+from support.product import SimProcess, check_run, open_run
 
 pytestmark = pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
 
@@ -138,7 +136,7 @@ def test_a_run_outlives_its_server(
     assert run.returncode == 0, notes
     assert "Traceback" not in notes
     folder = Path(told.splitlines()[-1])
-    assert check(folder) == []
+    assert check_run(folder) == []
     manifest = json.loads((folder / "manifest.json").read_text())
     (station,) = manifest["stations"]
     assert (station["outcome"], station["model"]) == ("completed", "UCR245")

@@ -17,11 +17,15 @@ from pathlib import Path
 import pytest
 
 import serial
-from jbclog.config.line import load_line
-from jbclog.core.errors import UsageError
-from jbclog.protocol.frame import Frame
-from jbclog.sim.process import SimProcess
 from support.command import PROFILES, RECIPE, until
+from support.product import (
+    INTERRUPTED_SIM,
+    SIM_OF_DYING_PARENT,
+    Frame,
+    SimProcess,
+    UsageError,
+    load_line,
+)
 
 READ_MS = 27 * 10 / 19200 * 1000  # 14.06 ms: eleven characters there and sixteen back
 TIOCGEXCL = 0x80045440
@@ -259,27 +263,14 @@ def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) ->
 
 def test_a_signal_that_interrupts_no_wait_ends_it_as_well() -> None:
     """A signal just before a wait does not interrupt it; here another thread receives it."""
-    serving = (
-        "import signal, threading, time\nfrom jbclog.sim.links import Waiter\nfrom"
-        " jbclog.sim.serve import Server\nserver = Server([], Waiter())\n"
-        "server.stop_on_signals()\n"
-        "def take():\n time.sleep(0.3)\n"
-        " signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
-        "threading.Thread(target=take).start()\nserver.run()"
-    )
-    assert subprocess.run([sys.executable, "-c", serving], timeout=120).returncode == 0
+    assert subprocess.run([sys.executable, "-c", INTERRUPTED_SIM], timeout=120).returncode == 0
 
 
 def test_it_ends_when_its_parent_dies(tmp_path: Path) -> None:
-    parent = (
-        "import os, sys, time; from pathlib import Path; from jbclog.sim.process import"
-        " SimProcess\nsim = SimProcess(Path(sys.argv[1]),"
-        " Path(sys.argv[2])).__enter__()\nprint(sim.pid, flush=True); os.kill(os.getpid(), 9)"
-    )
     command = [
         sys.executable,
         "-c",
-        parent,
+        SIM_OF_DYING_PARENT,
         str(line_file(tmp_path, '"s1"')),
         str(tmp_path / "sim"),
     ]

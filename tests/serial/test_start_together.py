@@ -9,10 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.sim.process import SimProcess
 from support.command import RECIPE, WireLog, jbclog
+from support.product import Manifest, SimProcess, check_run, read_manifest
 from support.virtual.captured_run import relived
 
 STATION = """
@@ -58,7 +56,7 @@ def run_of(
             *options,
         )
         (folder,) = (tmp_path / "runs").iterdir()
-        assert check(folder) == []
+        assert check_run(folder) == []
         return ended.returncode, ended.stderr, read_manifest(folder), WireLog(log)
 
 

@@ -15,10 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.config.line import load_line
-from jbclog.sim.process import SimProcess
 from support.command import RECIPE, until
+from support.product import SimProcess, load_line, names_of_open_run, open_run
 
 
 class TerminalServer:
@@ -119,7 +117,7 @@ def test_swapped_before_the_start(tmp_path: Path, bench: tuple[TerminalServer, l
 def test_swapped_in_mid_run(tmp_path: Path, bench: tuple[TerminalServer, list[str]]) -> None:
     server, families = bench
     running = started(tmp_path, 8)
-    assert until(lambda: list(tmp_path.glob("runs/*/live.sqlite*")) != [])
+    assert until(lambda: any(map(names_of_open_run, tmp_path.glob("runs/*"))))
     time.sleep(3.0)
     server.swap()
     _, notes = running.communicate(timeout=120)

@@ -18,24 +18,36 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.errors import PortBusy
-from jbclog.core.serial_line import LineFormat
-from jbclog.guard import __main__ as guard_itself
-from jbclog.guard import open_leases, takeover
-from jbclog.guard.action_log import NAME as DIARY
-from jbclog.guard.action_log import ActionLog
-from jbclog.guard.continuity import Continuity
-from jbclog.guard.inquiry import Inquiries
-from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import StationLease, guard_lock, registered_runs, write_leases
-from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.guard.open_leases import LeftOver, settle
-from jbclog.guard.takeover import TakeOver
-from jbclog.guard.watch import FAILED
-from jbclog.sim.port import SLEEP, STAND, WORKING
-from jbclog.transport.opening import open_port
-from jbclog.transport.port import Port
 from support.command import until
+from support.product import (
+    ACTION_LOG_FILE,
+    IMPATIENT_GUARD,
+    LEASES_FILE,
+    RECORDER_THAT_DIES,
+    RUN_LOCK,
+    SIM_SLEEP,
+    SIM_STAND,
+    SIM_WORKING,
+    WATCH_FAILED,
+    ActionLog,
+    Continuity,
+    Inquiries,
+    LeaseWriter,
+    LeftOver,
+    LineFormat,
+    Port,
+    PortBusy,
+    StationLease,
+    TakeOver,
+    guard_lock,
+    open_for_guard,
+    open_port,
+    patch,
+    registered_runs,
+    retry_orders,
+    settle_leases,
+    write_leases,
+)
 from support.virtual.served_line import ServedLine
 
 pytestmark = pytest.mark.usefixtures("own_state")
@@ -51,7 +63,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
 def line(served: ServedLine) -> ServedLine:
     """A line with all tools at work and the feeder running."""
     for port in served.tools():
-        port.order(WORKING, False)
+        port.order(SIM_WORKING, False)
     feeder = served.stations["ale-1"].plant.feeder
     feeder.settings.feeder_mode = "continuous"
     feeder.start(time.monotonic())
@@ -63,7 +75,7 @@ def run(tmp_path: Path) -> Path:
     """A folder of a run that was cut off."""
     folder = tmp_path / "run"
     folder.mkdir()
-    (folder / "live.lock").touch()
+    (folder / RUN_LOCK).touch()
     return folder
 
 
@@ -96,7 +108,9 @@ def all_leases(line: ServedLine) -> list[StationLease]:
 
 def told(run: Path) -> list[tuple[str, str | None, int | None]]:
     """Return the lines of the action log, without their times."""
-    lines = (run / DIARY).read_text().splitlines() if (run / DIARY).exists() else []
+    lines = (
+        (run / ACTION_LOG_FILE).read_text().splitlines() if (run / ACTION_LOG_FILE).exists() else []
+    )
     return [
         (row["kind"], row["station"], row["port"]) for row in map(json.loads, filter(None, lines))
     ]
@@ -104,7 +118,7 @@ def told(run: Path) -> list[tuple[str, str | None, int | None]]:
 
 @pytest.fixture
 def retried_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.1)
+    patch(monkeypatch, "guard.RETRY_EVERY_S", 0.1)
 
 
 @pytest.fixture
@@ -112,7 +126,7 @@ def quick(retried_soon: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Give up soon what does not succeed; the time is too short for tests that must succeed on a
     busy machine.
     """
-    monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 1.5)
+    patch(monkeypatch, "secure.ALLOWED_S", 1.5)
 
 
 @pytest.mark.usefixtures("unhurried")
@@ -191,7 +205,7 @@ def test_a_port_that_is_let_go_late_is_waited_for(
     line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A killed recorder may end late: here at the third try to open its port."""
-    port, refused, opened = open_port(line.url("ucr-1"), LineFormat()), [], takeover._open
+    port, refused, opened = open_port(line.url("ucr-1"), LineFormat()), [], open_for_guard
 
     def tried(held: StationLease) -> Port:
         try:
@@ -202,7 +216,7 @@ def test_a_port_that_is_let_go_late_is_waited_for(
                 port.close()
             raise
 
-    monkeypatch.setattr(takeover, "_open", tried)
+    patch(monkeypatch, "takeover._open", tried)
     assert TakeOver([lease(line, "ucr-1")], ActionLog(run)).run() == []
     assert refused == 3 * ["ucr-1"]
 
@@ -215,8 +229,8 @@ def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
         raise RuntimeError("can't start new thread")
 
     leases = all_leases(line)
-    with monkeypatch.context() as patch:
-        patch.setattr("_thread.start_new_thread", no_more)
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr("_thread.start_new_thread", no_more)
         taking_over = TakeOver(leases, ActionLog(run))
         assert taking_over.run() == []
     assert line.at_work() == 0
@@ -224,12 +238,12 @@ def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
 
 @pytest.mark.usefixtures("unhurried")
 def test_what_rests_is_spared_where_that_is_asked(line: ServedLine, run: Path) -> None:
-    line.stations["dde-1"].plant.ports[1].order(SLEEP, False)
+    line.stations["dde-1"].plant.ports[1].order(SIM_SLEEP, False)
     began = time.monotonic()
     assert TakeOver([lease(line, "dde-1")], ActionLog(run), spare=True).run() == []
     assert {(order.station, order.port) for order in line.orders(began)} == {("dde-1", 2)}
-    assert line.stations["dde-1"].plant.ports[1].doing.state == SLEEP
-    assert line.stations["dde-1"].plant.ports[2].doing.state == STAND
+    assert line.stations["dde-1"].plant.ports[1].doing.state == SIM_SLEEP
+    assert line.stations["dde-1"].plant.ports[2].doing.state == SIM_STAND
 
 
 # -- tried again -----------------------------------------------------------------------------------
@@ -246,7 +260,7 @@ def retried(
     run: Path, left: list[StationLease], lease_writer: LeaseWriter, action_log: ActionLog
 ) -> None:
     with Inquiries(run) as inquiries:
-        guard_itself._retry(run, left, (), Continuity(), inquiries, lease_writer, action_log)
+        retry_orders(run, left, (), Continuity(), inquiries, lease_writer, action_log)
 
 
 @pytest.mark.usefixtures("retried_soon")
@@ -261,7 +275,7 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     lease_writer.settle(60.0)
     threading.Timer(0.7, plug_in).start()
     retried(run, left, lease_writer, action_log)
-    assert (line.at_work(), (run / LEASE).exists()) == (0, False)
+    assert (line.at_work(), (run / LEASES_FILE).exists()) == (0, False)
     # no word of failures
     assert sorted(told(run)[len(before) :]) == [
         ("safety.safe_state", "dde-1", 1),
@@ -269,25 +283,16 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     ]
 
 
-IMPATIENT = """
-import sys
-from jbclog.guard import __main__ as guard
-from jbclog.session.safety import secure
-guard.RETRY_EVERY_S, secure.ALLOWED_S = 0.1, 1.5
-sys.exit(guard.main())
-"""
-
-
 @contextmanager
 def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Start a guard in a child process, and let it take over dde-1."""
-    command = [sys.executable, "-c", IMPATIENT, str(run), "--recorder", str(os.getpid())]
+    command = [sys.executable, "-c", IMPATIENT_GUARD, str(run), "--recorder", str(os.getpid())]
     guard = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     try:
         assert guard.stdin is not None
-        guard.stdin.write(f"{lease(line, 'dde-1').to_json()}\n{FAILED}\n".encode())
+        guard.stdin.write(f"{lease(line, 'dde-1').to_json()}\n{WATCH_FAILED}\n".encode())
         guard.stdin.flush()
         yield guard
     finally:
@@ -295,33 +300,12 @@ def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.P
         guard.communicate()
 
 
-DIES_EARLY = """
-import os, signal, subprocess, sys, time
-from pathlib import Path
-from jbclog.guard.lease import StationLease
-from jbclog.guard.supervisor import GuardSupervisor
-guards = GuardSupervisor(Path(sys.argv[1]), lambda *_: None)
-guards.lease(StationLease.from_json(sys.stdin.readline()))
-started = subprocess.Popen.__init__
-
-def start_and_die(*arguments, **options):
-    started(*arguments, **options)
-    os.kill(os.getpid(), signal.SIGKILL)
-
-subprocess.Popen.__init__ = start_and_die
-os.kill(guards.pid, int(sys.argv[2]))
-while True:
-    guards.renew()
-    time.sleep(0.1)
-"""
-
-
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_recorder_that_dies_as_soon_as_the_next_guard_is_there(
     line: ServedLine, run: Path, number: signal.Signals
 ) -> None:
     """The next guard has the leases, although the recorder has written nothing to it since."""
-    command = [sys.executable, "-c", DIES_EARLY, str(run), str(int(number))]
+    command = [sys.executable, "-c", RECORDER_THAT_DIES, str(run), str(int(number))]
     asked = f"{lease(line, 'dde-1').to_json()}\n"
     recorder = subprocess.run(command, input=asked, text=True, timeout=200, stdout=subprocess.PIPE)
     assert recorder.returncode == -signal.SIGKILL
@@ -332,11 +316,11 @@ def test_a_recorder_that_dies_as_soon_as_the_next_guard_is_there(
 def test_a_lease_stays_open_where_what_was_done_could_not_be_written_down(
     line: ServedLine, run: Path
 ) -> None:
-    (run / DIARY).mkdir()
+    (run / ACTION_LOG_FILE).mkdir()
     with failed_recorders_guard(line, run) as guard:
         assert guard.wait(100) == 0
     assert line.at_work() == 4
-    assert (run / LEASE).exists()
+    assert (run / LEASES_FILE).exists()
 
 
 def test_a_guards_process_goes_on_until_the_cable_is_back(line: ServedLine, run: Path) -> None:
@@ -346,12 +330,12 @@ def test_a_guards_process_goes_on_until_the_cable_is_back(line: ServedLine, run:
         assert line.at_work() == 6
         plug_in()
         assert guard.wait(100) == 0
-    assert (line.at_work(), (run / LEASE).exists()) == (4, False)
+    assert (line.at_work(), (run / LEASES_FILE).exists()) == (4, False)
     assert sorted(told(run)[-2:]) == [
         ("safety.safe_state", "dde-1", 1),
         ("safety.safe_state", "dde-1", 2),
     ]
-    assert not (run / DIARY).read_bytes().endswith(b"\n\n")  # its room is given back
+    assert not (run / ACTION_LOG_FILE).read_bytes().endswith(b"\n\n")  # its room is given back
 
 
 @pytest.mark.usefixtures("quick")
@@ -378,7 +362,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 def test_it_ends_when_time_is_up(
     line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 0.5)
+    patch(monkeypatch, "guard.RETRY_FOR_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
     retried(run, [stranger], LeaseWriter(run, ActionLog(run)), ActionLog(run))
     assert line.at_work() == 6
@@ -393,10 +377,10 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(
 ) -> None:
     write_leases(run, all_leases(line))
     asleep = line.stations["dde-2"].plant.ports[1]
-    asleep.order(SLEEP, False)
+    asleep.order(SIM_SLEEP, False)
     began = time.monotonic()
     device = str(Path(line.url("ucr-1")).resolve())  # by another name than the lease's
-    (left,) = settle(run.parent, {device, line.url("dde-2")}, lambda folder: False)
+    (left,) = settle_leases(run.parent, {device, line.url("dde-2")}, lambda folder: False)
     assert (left.is_safe, left.text) == (
         True,
         "Run run ended without making the tools of dde-2, ucr-1 safe; every tool is in its safe"
@@ -407,7 +391,7 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(
         "it would wake to be told to stand"
     )
     assert ("safety.safe_state", "dde-2", 1) in told(run)
-    assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
+    assert settle_leases(run.parent, {line.url("dde-2")}, lambda folder: False) == []
 
 
 @pytest.mark.usefixtures("unhurried")
@@ -415,13 +399,15 @@ def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stay
     line: ServedLine, run: Path, tmp_path: Path
 ) -> None:
     write_leases(run, [lease(line, "dde-2")])
-    (run / DIARY).mkdir()  # nothing can be written there
+    (run / ACTION_LOG_FILE).mkdir()  # nothing can be written there
     for _ in range(2):
-        (left,) = settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)
+        (left,) = settle_leases(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)
         assert left.is_safe
-    (run / DIARY).rmdir()
-    assert len(settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)) == 1
-    assert not (run / LEASE).exists()
+    (run / ACTION_LOG_FILE).rmdir()
+    assert (
+        len(settle_leases(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)) == 1
+    )
+    assert not (run / LEASES_FILE).exists()
     assert registered_runs() == ([], [])
 
 
@@ -441,7 +427,7 @@ def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(
     one = 0
     for trial in range(100):
         for port in line.tools():
-            port.order(WORKING, False)
+            port.order(SIM_WORKING, False)
         (folder := tmp_path / f"run-{trial}").mkdir()
         one += at_once(line, folder, 8)
     print(f"100 times 8 at once: one of them wrote {one} times, two never")
@@ -460,7 +446,7 @@ def at_once(line: ServedLine, folder: Path, count: int) -> int:
     done: list[LeftOver] = []
     threads = [
         threading.Thread(
-            target=lambda: done.extend(settle(folder.parent, urls, lambda folder: False))
+            target=lambda: done.extend(settle_leases(folder.parent, urls, lambda folder: False))
         )
         for _ in range(count)
     ]
@@ -478,7 +464,7 @@ def at_once(line: ServedLine, folder: Path, count: int) -> int:
 def test_a_run_that_goes_on_is_left_alone_at_once(line: ServedLine, run: Path) -> None:
     write_leases(run, all_leases(line))
     began = time.monotonic()
-    assert settle(run.parent, {line.url("dde-2")}, lambda folder: True) == []
+    assert settle_leases(run.parent, {line.url("dde-2")}, lambda folder: True) == []
     assert (line.orders(began), time.monotonic() - began < 10) == ([], True)
 
 
@@ -498,8 +484,8 @@ def test_a_guard_that_is_just_taking_over_is_waited_for(
         refused.append(folder)
         return guard_lock(folder)
 
-    monkeypatch.setattr(open_leases, "guard_lock", asked)
-    assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
+    patch(monkeypatch, "open_leases.guard_lock", asked)
+    assert settle_leases(run.parent, {line.url("dde-2")}, lambda folder: False) == []
     assert (line.orders(began), len(refused)) == ([], 4)
 
 
@@ -509,8 +495,8 @@ def test_what_could_not_be_made_safe_is_told_and_kept_for_the_next_start(
 ) -> None:
     stranger = replace(lease(line, "dde-1"), model="NAE")
     write_leases(run, [stranger])
-    (left,) = settle(run.parent, {stranger.url}, lambda folder: False)
+    (left,) = settle_leases(run.parent, {stranger.url}, lambda folder: False)
     assert not left.is_safe
     assert "not every tool could be made safe" in left.text
-    assert (run / LEASE).exists()
+    assert (run / LEASES_FILE).exists()
     assert told(run)[-1][0] == "guard.left_over"

@@ -18,14 +18,12 @@ from typing import IO
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
 from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, sampled, until
+from support.product import MAIN, Manifest, check_run, open_run, read_manifest
 from support.warm_start import Warm
 
 Bench = tuple[Path, WireLog]
-INTERPRETER = (sys.executable, "-c", "from jbclog.cli import main; main()")
+INTERPRETER = (sys.executable, "-c", MAIN)
 
 
 def arguments(line: Path, out: Path, *more: str) -> list[str]:
@@ -44,7 +42,7 @@ def told_of_units(out: Path, count: int) -> bool:
 
 
 def serials(manifest: Manifest) -> list[str]:
-    return [unit.serial for unit in manifest.units]
+    return [unit.unit for unit in manifest.units]
 
 
 def end(run: subprocess.Popen[str]) -> str:
@@ -85,12 +83,12 @@ def test_lines_of_a_reader_begin_units(bench: Bench, tmp_path: Path) -> None:
     folder = only_run(out)
     manifest = read_manifest(folder)
     first, second = manifest.units
-    assert (first.serial, second.serial) == ("SN-1", "SN\\x1d2")
-    assert first.end == second.begin
-    assert second.end is not None
-    assert second.end > second.begin
+    assert (first.unit, second.unit) == ("SN-1", "SN\\x1d2")
+    assert first.stop == second.start
+    assert second.stop is not None
+    assert second.stop > second.start
     assert "run: Unit SN-1 begins." in notes
-    assert check(folder) == []
+    assert check_run(folder) == []
     found = jbclog("runs", out, "--unit", "SN\\x1d2")
     assert found.stdout.splitlines()[1].endswith(folder.name)
     samples = open_run(folder).samples(columns=["time"])

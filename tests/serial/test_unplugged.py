@@ -16,10 +16,6 @@ from pathlib import Path
 import pytest
 
 import serial
-from jbclog.core.errors import LinkError
-from jbclog.core.serial_line import LineFormat
-from jbclog.transport.opening import open_port
-from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, close_in_thread
 from support.links.far_ends import (
     Terminal,
     are_closed_again,
@@ -27,6 +23,17 @@ from support.links.far_ends import (
     server,
     settled_descriptors,
     terminal,
+)
+from support.product import (
+    CLOSE_S,
+    PORT_BROKEN,
+    DescriptorPort,
+    LineFormat,
+    LinkError,
+    ObjectPort,
+    Port,
+    close_in_thread,
+    open_port,
 )
 
 LINE = LineFormat()
@@ -218,7 +225,7 @@ def test_every_kind_of_exception_becomes_one(error: Exception, way: str) -> None
         WAYS[way](port)
     assert lost.value.__cause__ is error
     port.close()
-    assert isinstance(error, BROKEN)
+    assert isinstance(error, PORT_BROKEN)
 
 
 # -- closing ---------------------------------------------------------------------------------------

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.maintenance.verification import read_book
-from jbclog.session.manual import read
 from support.command import WireLog, jbclog, started
 from support.invoked import invoked
+from support.product import patch, read_verification_book
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
 SIM = "joints_per_minute = 60\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
@@ -24,7 +23,7 @@ def test_a_tip_is_verified_and_the_station_left_as_it_is(
         '[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily ='
         f' "ucr"\n[station.sim]\n{SIM}\n'
     )
-    monkeypatch.setattr(read, "EVERY_S", 0.1)
+    patch(monkeypatch, "read.EVERY_S", 0.1)
     stations = started("sim", source, "--no-joints", "--dir", tmp_path / "bench", "--log", log)
     try:
         assert stations.stdout is not None
@@ -54,7 +53,7 @@ def test_a_tip_is_verified_and_the_station_left_as_it_is(
         stations.send_signal(signal.SIGINT)
         stations.communicate(timeout=60)
     assert ended.exit_code == 0, ended.stderr
-    (kept,) = read_book(tmp_path / "runs").all
+    (kept,) = read_verification_book(tmp_path / "runs").all
     assert kept.offset_c == pytest.approx(-9, abs=1.5)
     assert 0 < (kept.station_sd_c or 0) < 1.5
     assert WireLog(log).writes("ucr-1") == ["WPS100000"]

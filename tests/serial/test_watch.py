@@ -22,13 +22,18 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.run import open_run
-from jbclog.cli.watch import NICENESS
-from jbclog.live import Condition, Follower, Phase, RunState
-from jbclog.live.view import DISCONNECTED
-from jbclog.record.check import check
-from jbclog.sim.process import SimProcess
 from support.command import jbclog, started
+from support.product import (
+    DISCONNECTED,
+    WATCH_NICENESS,
+    Follower,
+    LiveCondition,
+    LivePhase,
+    RunState,
+    SimProcess,
+    check_run,
+    open_run,
+)
 from support.records.live_rows import Recording
 
 WAIT_S = 120.0
@@ -110,24 +115,25 @@ def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
         until(
             follower,
             lambda run: (
-                run.phase is Phase.RECORDING and [port.quality for port in run.ports] == ["ok"] * 2
+                run.phase is LivePhase.RECORDING
+                and [port.quality for port in run.ports] == ["ok"] * 2
             ),
         )
         run = until(follower, shows_loss)
-        assert run.ports[1].condition is Condition.STALE  # in the first update that shows it
+        assert run.ports[1].condition is LiveCondition.STALE  # in the first update that shows it
         assert any(one.event.kind == "link.lost" for one in run.events)
         assert not run.ports[1].temperature.is_known
         until(  # and the other is shown as before; of a recorder that is late, a moment later
             follower,
             lambda run: (
-                run.ports[1].condition is Condition.STALE
-                and run.ports[0].condition in (Condition.NORMAL, Condition.ATTENTION)
+                run.ports[1].condition is LiveCondition.STALE
+                and run.ports[0].condition in (LiveCondition.NORMAL, LiveCondition.ATTENTION)
             ),
         )
-        run = until(follower, lambda run: run.phase is Phase.FINALIZED and run.is_whole)
+        run = until(follower, lambda run: run.phase is LivePhase.FINALIZED and run.is_whole)
         _, told = process.communicate(timeout=WAIT_S)
         assert process.returncode in (0, 1), told
-        assert {port.condition for port in run.ports} == {Condition.ENDED}
+        assert {port.condition for port in run.ports} == {LiveCondition.ENDED}
         assert run.verdict is not None
         kept = open_run(run.folder)
         for port in run.ports:
@@ -137,7 +143,7 @@ def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
                 due["ok"],
             )
         assert [one.event.kind for one in run.events] == kept.events()["kind"].tolist()
-        assert check(run.folder) == []
+        assert check_run(run.folder) == []
 
 
 def shows_loss(run: RunState) -> bool:
@@ -220,7 +226,7 @@ def test_the_command_serves_a_page(tmp_path: Path, number: signal.Signals, code:
         address = re.search(r"http://127\.0\.0\.1:\d+/", process.stderr.readline())
         assert address is not None
         assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(
-            os.getpriority(os.PRIO_PROCESS, 0) + NICENESS, 19
+            os.getpriority(os.PRIO_PROCESS, 0) + WATCH_NICENESS, 19
         )
         with urllib.request.urlopen(address[0] + "events", timeout=WAIT_S) as events:
             line = events.readline()

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from support.product import MAIN, committed_samples
 from support.warm_start import Warm
 
 PROFILES = Path(__file__).parents[2] / "profiles"
@@ -51,7 +50,7 @@ def jbclog(
 
 def fresh(*arguments: str | Path, timeout: float = 200.0) -> subprocess.CompletedProcess[str]:
     """The same in an interpreter of its own."""
-    command = [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, arguments)]
+    command = [sys.executable, "-c", MAIN, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
 
 
@@ -123,14 +122,4 @@ def sampled(out: Path) -> int:
     """How many rows of samples the open runs below `out` have committed. It is asked many times,
     beside what is waited for: the stores count them, and none is read.
     """
-    return sum(map(_rows_of_samples, out.glob("*/live*.sqlite")))
-
-
-def _rows_of_samples(store: Path) -> int:
-    from jbclog.record.store import Segment
-
-    try:
-        with closing(Segment.look(store)) as segment:
-            return sum(rows for _, table, rows in segment.index() if table == "samples")
-    except sqlite3.OperationalError:  # no table yet, or sealed meanwhile
-        return 0
+    return sum(map(committed_samples, out.glob("*/")))

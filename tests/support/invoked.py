@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 from typer.testing import CliRunner, Result
 
-from jbclog.cli.app import app
+from support.product import command_line
 
 
 def invoked(*words: object, **options: Any) -> Result:
@@ -16,4 +16,4 @@ def invoked(*words: object, **options: Any) -> Result:
     A command that lowers its priority would lower that of all tests after it.
     """
     with patch("os.nice"):
-        return CliRunner().invoke(app, list(map(str, words)), **options)
+        return CliRunner().invoke(command_line, list(map(str, words)), **options)

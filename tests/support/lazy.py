@@ -22,6 +22,7 @@ class _Lazy:
 stats: Any = _Lazy("scipy.stats")
 polars: Any = _Lazy("polars")
 duckdb: Any = _Lazy("duckdb")
+pglast: Any = _Lazy("pglast")
 mdf: Any = _Lazy("jbclog.app.export.mdf")  # and asammdf
 asammdf: Any = _Lazy("asammdf")
 mdfreader: Any = _Lazy("mdfreader")

@@ -38,7 +38,7 @@ from support import program
 
 VERBS = (
     *("alarms", "annotate", "audit", "batch", "check", "doctor", "maintenance", "plan"),
-    *("read", "recover", "replay", "report", "run", "runs", "safe", "scan", "write"),
+    *("read", "recover", "report", "run", "runs", "safe", "scan", "write"),
 )
 IMPORTED = (
     *(
@@ -53,7 +53,7 @@ IMPORTED = (
         "jbclog.app.batch",
         "jbclog.app.audit",
         "jbclog.app.discovery",
-        "jbclog.app.replay",
+        "jbclog.app.reproduce",
     ),
     *("jbclog.app.batch.child", "jbclog.record.seal", "jbclog.sim.serve", "jbclog.sim.setup"),
     *(f"jbclog.cli.{name}" for name in VERBS),

@@ -34,6 +34,10 @@ FORBIDDEN = {
         "from threading import Lock",
         "jbclog.protocol.client.added -> threading",
     ),
+    "transport.port": (
+        "from jbclog.transport.session_runner import SessionRunner",
+        "jbclog.transport.port -> jbclog.transport.session_runner",
+    ),
     "record.added": ("import pandas as pd", "jbclog.record.added -> pandas"),
     "analysis.joints.added": ("import pandas as pd", "jbclog.analysis.joints.added -> pandas"),
     "guard.added": ("from serial import Serial", "jbclog.guard.added -> serial"),

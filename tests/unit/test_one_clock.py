@@ -10,16 +10,22 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-import jbclog
-from jbclog.app.audit.records import error_events
-from jbclog.maintenance.suspect_runs import where_used
-from jbclog.record.annotations import append
-from jbclog.record.check import check
-from jbclog.record.clock_steps import HostClock, start_doubt
-from jbclog.record.find_runs import Filter, find
-from jbclog.record.manifest import ClockStep, read_manifest
-from jbclog.report.write import write_report
 from support.invoked import invoked
+from support.product import (
+    ClockStep,
+    HostClock,
+    RunFilter,
+    UsageError,
+    append_annotation,
+    check_run,
+    error_events,
+    find_runs,
+    open_run,
+    read_manifest,
+    start_doubt,
+    where_used,
+    write_report,
+)
 from support.virtual.stepped_run import SECONDS, stepped_run
 
 UNITS = {5.0: "SN-1", 35.0: "SN-2"}
@@ -51,7 +57,7 @@ def from_1970(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_ends_after_its_start_and_lasts_as_long_as_it_did(
     stepped: Started, size: float
 ) -> None:
-    usual, run = (jbclog.open_run(stepped[key]) for key in (0.0, size))
+    usual, run = (open_run(stepped[key]) for key in (0.0, size))
     assert run.duration is not None
     assert run.duration == usual.duration
     assert SECONDS <= run.duration.total_seconds() < SECONDS + 10
@@ -59,14 +65,15 @@ def test_a_run_ends_after_its_start_and_lasts_as_long_as_it_did(
 
 @pytest.mark.parametrize("size", SIZES)
 def test_every_row_has_the_time_that_it_has_without_a_step(stepped: Started, size: float) -> None:
-    usual, run = (jbclog.open_run(stepped[key]) for key in (0.0, size))
-    pd.testing.assert_frame_equal(run.samples(), usual.samples())
+    usual, run = (open_run(stepped[key]) for key in (0.0, size))
+    rows, expected = (one.samples().drop(columns="run") for one in (run, usual))
+    pd.testing.assert_frame_equal(rows, expected)
     assert run.samples().groupby("port")["time"].is_monotonic_increasing.all()
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_joints_and_samples_belong_to_the_unit_on_the_bench(stepped: Started, size: float) -> None:
-    usual, run = (jbclog.open_run(stepped[key]) for key in (0.0, size))
+    usual, run = (open_run(stepped[key]) for key in (0.0, size))
     joints = run.each_joint()
     units = [joint.unit for joint in joints]
     assert units == [joint.unit for joint in usual.each_joint()]
@@ -75,17 +82,18 @@ def test_joints_and_samples_belong_to_the_unit_on_the_bench(stepped: Started, si
         begin_s = joint.start_s
         expected = None if begin_s < 5 else "SN-1" if begin_s < 35 else "SN-2"
         assert joint.unit == expected
-    assert all(joint.end - joint.start < pd.Timedelta(seconds=10) for joint in joints)
+    assert all(joint.stop - joint.start < pd.Timedelta(seconds=10) for joint in joints)
     samples = run.samples()
     assert run.unit_at(samples["time"]).equals(usual.unit_at(usual.samples()["time"]))
-    assert run.units().equals(usual.units())
+    same = [one.units().drop(columns="run") for one in (run, usual)]
+    pd.testing.assert_frame_equal(*same)
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_the_manifest_and_an_event_give_the_step_by_both_clocks(
     stepped: Started, size: float
 ) -> None:
-    run = jbclog.open_run(stepped[size])
+    run = open_run(stepped[size])
     (step,) = run.manifest.clock_steps or []
     assert (step.step_s, step.offset_s) == (size, size)
     events = run.events()
@@ -94,7 +102,7 @@ def test_the_manifest_and_an_event_give_the_step_by_both_clocks(
     assert pd.Timestamp(event["raw"]) - event["time"] == pd.Timedelta(seconds=size)
     since = event["time"] - run.samples()["time"].min()
     assert since.total_seconds() == pytest.approx(STEP_AT, abs=2)
-    assert check(run.folder) == []
+    assert check_run(run.folder) == []
 
 
 def test_a_step_that_the_manifest_does_not_list_is_found(tmp_path: Path) -> None:
@@ -103,12 +111,12 @@ def test_a_step_that_the_manifest_does_not_list_is_found(tmp_path: Path) -> None
     manifest = json.loads(path.read_text())
     manifest["clock_steps"] = []
     path.write_text(json.dumps(manifest))
-    assert "manifest.json: clock_steps: differ from those in the events" in map(str, check(run))
+    assert "manifest.json: clock_steps: differ from those in the events" in map(str, check_run(run))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_times_by_the_hosts_clock_are_given_on_request(stepped: Started, size: float) -> None:
-    run = jbclog.open_run(stepped[size])
+    run = open_run(stepped[size])
     (step,) = run.manifest.clock_steps or []
     plain = run.samples("dde-1", 1)
     walls = run.samples("dde-1", 1, clock="wall")
@@ -124,16 +132,16 @@ def test_times_by_the_hosts_clock_are_given_on_request(stepped: Started, size: f
 
 
 def test_a_run_without_a_step_has_the_same_times_by_both_clocks(stepped: Started) -> None:
-    run = jbclog.open_run(stepped[0.0])
+    run = open_run(stepped[0.0])
     pd.testing.assert_frame_equal(run.samples(clock="wall"), run.samples())
-    with pytest.raises(jbclog.UsageError, match="must be run or wall"):
+    with pytest.raises(UsageError, match="must be 'run' or 'wall'"):
         run.samples(clock="host")
 
 
 def test_a_start_in_1970_that_is_corrected_is_told_by_runs_check_and_report(
     from_1970: Path,
 ) -> None:
-    run = jbclog.open_run(from_1970)
+    run = open_run(from_1970)
     text = "The host's clock was wrong at the start and was set 20718 days ahead during the run."
     assert run.duration is not None
     assert SECONDS <= run.duration.total_seconds() < SECONDS + 10
@@ -188,9 +196,9 @@ def test_a_usual_start_is_not_told(stepped: Started) -> None:
 
 
 def test_an_acknowledgement_has_its_time_by_the_runs_clock(tmp_path: Path) -> None:
-    run = jbclog.open_run(stepped_run(tmp_path, {STEP_AT: 3600.0}, UNITS))
-    ended = datetime.fromisoformat(read_manifest(run.folder).ended or "")
-    append(
+    run = open_run(stepped_run(tmp_path, {STEP_AT: 3600.0}, UNITS))
+    ended = datetime.fromisoformat(read_manifest(run.folder).stop or "")
+    append_annotation(
         run.folder,
         who="A. Rossi",
         what="dde-1:1:low:B:1",
@@ -208,10 +216,10 @@ def test_runs_are_found_by_the_corrected_clock(from_1970: Path) -> None:
     """Their folders' names have the wrong start."""
     begin = datetime(2026, 9, 21, tzinfo=UTC)
     end = datetime(2026, 9, 22, tzinfo=UTC)
-    wanted = (Filter(since=begin), Filter(until=end), Filter(ended_since=begin))
-    others = (Filter(since=end), Filter(until=begin), Filter(ended_since=end))
-    assert [len(list(find(from_1970.parent, one))) for one in wanted] == [1, 1, 1]
-    assert [len(list(find(from_1970.parent, one))) for one in others] == [0, 0, 0]
+    wanted = (RunFilter(since=begin), RunFilter(until=end), RunFilter(ended_since=begin))
+    others = (RunFilter(since=end), RunFilter(until=begin), RunFilter(ended_since=end))
+    assert [len(list(find_runs(from_1970.parent, one))) for one in wanted] == [1, 1, 1]
+    assert [len(list(find_runs(from_1970.parent, one))) for one in others] == [0, 0, 0]
 
 
 def test_a_run_that_began_in_1970_is_suspect_after_a_failed_verification(from_1970: Path) -> None:
@@ -225,26 +233,26 @@ def test_a_run_that_began_in_1970_is_suspect_after_a_failed_verification(from_19
 def test_moments_are_converted_from_and_to_the_hosts_clock(
     stepped: Started, from_1970: Path
 ) -> None:
-    run = jbclog.open_run(stepped[-20.0])
-    start = pd.Timestamp(run.manifest.started)
+    run = open_run(stepped[-20.0])
+    start = pd.Timestamp(run.manifest.start)
     assert run.host_time(start + pd.Timedelta("5s")) == start + pd.Timedelta("5s")
     assert run.host_time(start + pd.Timedelta("50s")) == start + pd.Timedelta("30s")
     assert run.run_time(start + pd.Timedelta("30s")) == start + pd.Timedelta("50s")
     assert run.run_time(start + pd.Timedelta("5s")) == start + pd.Timedelta("5s")
-    ahead = jbclog.open_run(stepped[3600.0])
-    begin = pd.Timestamp(ahead.manifest.started)
+    ahead = open_run(stepped[3600.0])
+    begin = pd.Timestamp(ahead.manifest.start)
     (step,) = ahead.manifest.clock_steps or []
     skipped = begin + pd.Timedelta("10min")
     assert ahead.run_time(skipped) == pd.Timestamp(step.time), "the host's clock never showed it"
-    old = jbclog.open_run(from_1970)
-    began = pd.Timestamp(old.manifest.started)
+    old = open_run(from_1970)
+    began = pd.Timestamp(old.manifest.start)
     assert old.run_time(old.host_time(began)) == began
     assert old.run_time("2025-01-01") < began
 
 
 def test_an_audit_counts_errors_by_the_hosts_clock(stepped: Started) -> None:
     """The station has an error at 45 s, an hour later by the host's clock."""
-    run = jbclog.open_run(stepped[3600.0])
+    run = open_run(stepped[3600.0])
     hours = [f"2026-09-21T{hour}:00:00+00:00" for hour in (14, 15, 16)]
     assert error_events(run, "dde-1", hours[0], hours[1]) == {}
     assert error_events(run, "dde-1", hours[1], hours[2]) == {"station.error": 1}

@@ -10,10 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.runner import conduct
-from jbclog.cli.app import RECORDING
-from jbclog.cli.front_page import COMMANDS
-from jbclog.core.operating_system import NO_RECORDING
+from support.product import (
+    FRONT_PAGE_COMMANDS,
+    LOCKS_WITHOUT_POSIX,
+    NO_RECORDING,
+    RECORDING_COMMANDS,
+    SERVED_PAGE,
+    conduct_run,
+)
 from support.readers.notebook_runs import HOME, NOTEBOOKS
 from support.readers.other_desk import Call, Done, forbidden_name, made_elsewhere
 from support.records.small_run import make_run
@@ -62,82 +66,10 @@ with follow("run", joints=True) as follower:
     state = follower.poll()
 print(run.verdict, state.phase.value, state.ports[0].joints.why)
 """
-WINDOWS_SIDE = """
-import os
-import threading
-from pathlib import Path
-
-from jbclog.core import operating_system as system
-from jbclog.core.durable_files import write_new, write_whole
-from jbclog.core.errors import RecordError
-from jbclog.core.locks import FolderLock, is_held, try_lock
-
-path = Path("locked")
-path.write_bytes(b"0123456789")
-first, second = (os.open(path, os.O_RDWR) for _ in range(2))
-os.lseek(first, 3, os.SEEK_SET)
-assert system.read_at(first, 4, 5) == b"5678"
-assert system.write_at(first, b"xy", 8) == 2
-assert os.read(first, 9) == b"34567xy"
-system.lock_exclusive(first)
-for lock in (system.lock_exclusive, system.lock_shared):
-    try:
-        lock(second)
-    except PermissionError:
-        continue
-    raise AssertionError(lock)
-assert os.read(second, 4) == b"0123"
-assert os.lseek(second, 0, os.SEEK_CUR) == 4
-assert try_lock(path) is None
-threading.Timer(0.2, os.close, [first]).start()
-system.wait_for_lock(second)
-os.close(second)
-
-folder = Path("taken")
-folder.mkdir()
-lock = FolderLock.take(folder)
-assert is_held(folder)
-try:
-    FolderLock.take(folder, 0.1)
-except RecordError as error:
-    assert f"process {os.getpid()}" in str(error)
-lock.release()
-assert not is_held(folder)
-write_whole(folder / "whole", b"1")
-write_new(folder / "new", b"2")
-assert system.limit_bytes() is None
-assert system.processes() == list(system.open_files(os.getpid())) == []
-system.lower_priority(10)
-print("fine")
-"""
-PAGE = """
-import threading
-import urllib.request
-from pathlib import Path
-
-from jbclog.app.watch.batch_queue import QueueFollower
-from jbclog.app.watch.server import Access, PageServer, listening
-from jbclog.live import follow
-
-run = Path("run")
-with listening("127.0.0.1", 0) as opened, follow(run, joints=True) as follower:
-    access = Access("127.0.0.1", None)
-    server = PageServer(follower.poll, access, run, QueueFollower(run).poll)
-
-    def read():
-        with urllib.request.urlopen(f"http://127.0.0.1:{opened.getsockname()[1]}/") as page:
-            print(page.status)
-        server.should_exit = True
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    server.run([opened])
-    reader.join()
-"""
 
 CALLS = {
     "nothing": Call(code=NOTHING_OF_POSIX),
-    "locks": Call(code=WINDOWS_SIDE),
+    "locks": Call(code=LOCKS_WITHOUT_POSIX),
     "python": Call(code=PYTHON),
     "runs": Call(("runs", ".", "--json")),
     "report": Call(("report", "run", "--json")),
@@ -165,7 +97,7 @@ CALLS = {
             *("--line", "line.toml", "--by", "A. Rossi"),
         )
     ),
-    "watch": Call(code=PAGE),
+    "watch": Call(code=SERVED_PAGE),
     "run --help": Call(("run", "--help")),
 }
 FINDINGS = {"alarms": 1, "limits": 1}
@@ -179,7 +111,6 @@ REFUSED = {
     "init": (),
     "read": ("dde-1", "--line", "line.toml", "--json"),
     "recover": (".",),
-    "replay": ("run", "--record", "again"),
     "run": ("recipe.toml", "--line", "line.toml", "--json"),
     "safe": ("--line", "line.toml"),
     "scan": (),
@@ -246,10 +177,10 @@ def test_what_records_says_that_it_needs_posix(name: str, done: dict[str, Done])
 
 
 def test_every_command_reads_or_is_refused() -> None:
-    commands = {name for group in COMMANDS.values() for name in group}
-    assert set(REFUSED) == RECORDING
+    commands = {name for group in FRONT_PAGE_COMMANDS.values() for name in group}
+    assert set(REFUSED) == RECORDING_COMMANDS
     reading = {call.words[0] for call in CALLS.values() if call.words} - {"run"}
-    assert reading | {"watch"} == commands - RECORDING
+    assert reading | {"watch"} == commands - RECORDING_COMMANDS
 
 
 def test_notebooks_run_without_posix(desk: Path) -> None:
@@ -264,7 +195,7 @@ def test_notebooks_run_without_posix(desk: Path) -> None:
 def test_windows_allows_every_name(desk: Path, done: dict[str, Done], tmp_path: Path) -> None:
     assert done["publish"].code == done["report"].code == 0
     plan = plan_in(tmp_path, LINE, duration_s=1.0, wire=True)
-    captured = conduct(plan, tmp_path / "runs", Nobody()).folder
+    captured = conduct_run(plan, tmp_path / "runs", Nobody()).folder
     paths = [path.relative_to(home) for home in (desk, captured) for path in home.rglob("*")]
     first = {path.parts[0] for path in paths}
     assert {"run", "as-csv", "as-qdas", "table", "wire", "recipes"} <= first

@@ -14,19 +14,23 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.options import Metadata
-from jbclog.app.run.plan import Plan
-from jbclog.app.run.run_record import Result
-from jbclog.app.run.runner import conduct
-from jbclog.core.errors import RecordError, StartRefused
-from jbclog.core.serial_line import LineFormat
-from jbclog.guard.supervisor import RunGuard
-from jbclog.record import port_owner
-from jbclog.record.check import check
-from jbclog.record.find_runs import Filter, Found, find
-from jbclog.record.manifest import read_manifest
-from jbclog.record.parts import row_groups
-from jbclog.transport.opening import open_port
+from support.product import (
+    FoundRun,
+    LineFormat,
+    Metadata,
+    RecordError,
+    RunFilter,
+    RunPlan,
+    RunResult,
+    StartRefused,
+    check_run,
+    conduct_run,
+    find_runs,
+    open_port,
+    patch,
+    read_manifest,
+    row_groups_of,
+)
 from support.records.few_rows import table
 from support.virtual.recorded_run import Nobody, RecordedRun, plan_in
 from support.virtual.virtual_run import RECIPE, line_text
@@ -34,28 +38,28 @@ from support.virtual.virtual_run import RECIPE, line_text
 SAID = Metadata("A. Rossi", "88123", units=("SN-1",), tags={"shift": "1"})
 
 
-def plan_of(folder: Path, line: str, recipe: str = RECIPE, **wanted: object) -> Plan:
+def plan_of(folder: Path, line: str, recipe: str = RECIPE, **wanted: object) -> RunPlan:
     return plan_in(folder, line, recipe, 2.0, metadata=SAID, **wanted)
 
 
-def expect_record(result: Result, outcome: str, *words: str) -> None:
+def expect_record(result: RunResult, outcome: str, *words: str) -> None:
     """The record of a start that failed, as it is found again."""
     manifest = read_manifest(result.folder)
     assert result.exit_code == 3
     assert (manifest.state, manifest.exit_status, manifest.exit_code) == ("sealed", "failed", 3)
-    assert check(result.folder) == []
+    assert check_run(result.folder) == []
     (station,) = manifest.stations
     assert station.outcome == outcome
     assert all(word in station.reason for word in words), station.reason
-    assert next(row_groups(result.folder, "samples"), None) is None
+    assert next(row_groups_of(result.folder, "samples"), None) is None
     events = table(result.folder, "events")
     assert f"station.{outcome}" in events["kind"].to_pylist()
     assert events["time"].to_pylist() == sorted(events["time"].to_pylist())
-    (found,) = find(
+    (found,) = find_runs(
         result.folder.parent,
-        Filter(order="88123", unit="SN-1", state="ended with error", tags={"shift": "1"}),
+        RunFilter(order="88123", unit="SN-1", state="ended with error", tags={"shift": "1"}),
     )
-    assert isinstance(found, Found)
+    assert isinstance(found, FoundRun)
     assert found.folder == result.folder
 
 
@@ -133,7 +137,7 @@ def taken() -> Iterator[str]:
 
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")), guard=False)
-    expect_record(conduct(plan, tmp_path / "runs", Nobody()), "gone", "nowhere")
+    expect_record(conduct_run(plan, tmp_path / "runs", Nobody()), "gone", "nowhere")
 
 
 def test_a_server_that_is_not_there(tmp_path: Path) -> None:
@@ -142,22 +146,22 @@ def test_a_server_that_is_not_there(tmp_path: Path) -> None:
         plan = plan_of(
             tmp_path, line_at(f"socket://127.0.0.1:{bound.getsockname()[1]}"), guard=False
         )
-        expect_record(conduct(plan, tmp_path / "runs", Nobody()), "gone")
+        expect_record(conduct_run(plan, tmp_path / "runs", Nobody()), "gone")
 
 
 def test_a_port_that_another_program_has(tmp_path: Path) -> None:
     with taken() as name:
         plan = plan_of(tmp_path, line_at(name), guard=False)
-        expect_record(conduct(plan, tmp_path / "runs", Nobody()), "gone", "in use by")
+        expect_record(conduct_run(plan, tmp_path / "runs", Nobody()), "gone", "in use by")
 
 
 def test_a_port_that_another_run_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = tmp_path / "runs" / "20261121T013000Z-hand-k7qd"
-    monkeypatch.setattr(port_owner, "runs_that_hold", lambda urls: [other])
-    monkeypatch.setattr(port_owner, "holds", lambda run, urls: True)
+    patch(monkeypatch, "port_owner.runs_that_hold", lambda urls: [other])
+    patch(monkeypatch, "port_owner.holds", lambda run, urls: True)
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")))
     expect_record(
-        conduct(plan, tmp_path / "mine", Nobody()),
+        conduct_run(plan, tmp_path / "mine", Nobody()),
         "refused",
         f"the run {other} holds this port",
         "nothing was sent",
@@ -167,10 +171,10 @@ def test_a_port_that_another_run_holds(tmp_path: Path, monkeypatch: pytest.Monke
 def test_the_others_of_its_line_were_not_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(port_owner, "runs_that_hold", lambda urls: [tmp_path])
-    monkeypatch.setattr(port_owner, "holds", lambda run, urls: urls[0].endswith("a"))
+    patch(monkeypatch, "port_owner.runs_that_hold", lambda urls: [tmp_path])
+    patch(monkeypatch, "port_owner.holds", lambda run, urls: urls[0].endswith("a"))
     line = line_at("a") + '[[station]]\nname = "dde-2"\nurl = "b"\nfamily = "dde"\n'
-    result = conduct(plan_of(tmp_path, line), tmp_path / "mine", Nobody())
+    result = conduct_run(plan_of(tmp_path, line), tmp_path / "mine", Nobody())
     one, two = result.manifest.stations
     assert "holds this port" in one.reason
     assert two.reason == "dde-2: not asked, for the run was not started"
@@ -182,9 +186,9 @@ def test_a_guard_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyP
             "the guard could not be started (no more processes); --no-guard runs without one"
         )
 
-    monkeypatch.setattr(RunGuard, "start", start)
+    patch(monkeypatch, "RunGuard.start", start)
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")))
-    result = conduct(plan, tmp_path / "runs", Nobody())
+    result = conduct_run(plan, tmp_path / "runs", Nobody())
     expect_record(result, "refused", "--no-guard")
     assert result.manifest.guard == "none"
 
@@ -192,4 +196,4 @@ def test_a_guard_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_what_has_no_place_for_a_record_leaves_none_and_says_so(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("a file")
     with pytest.raises(RecordError, match="cannot hold a record"):
-        conduct(plan_of(tmp_path, line_at("nowhere")), tmp_path / "runs", Nobody())
+        conduct_run(plan_of(tmp_path, line_at("nowhere")), tmp_path / "runs", Nobody())

@@ -43,8 +43,8 @@ _ENDED = {"alarm.high.ended": Side.HIGH, "alarm.low.ended": Side.LOW}
 class Rows(NamedTuple):
     """The samples of one port as columns.
 
-    `read`: temperature and status were read. `works`: the tool works. `set_c` is NaN if not read.
-    `steps_us`: row -> size of the clock step just before it.
+    `read`: temperature and status were read. `works`: the tool works. `setpoint_c` is NaN if not
+    read. `steps_us`: row -> size of the clock step just before it.
     """
 
     time_us: Counts
@@ -52,7 +52,7 @@ class Rows(NamedTuple):
     temperature_c: NDArray[np.number[Any]]
     read: Flags
     works: Flags
-    set_c: Floats
+    setpoint_c: Floats
     steps_us: dict[int, int]
 
 
@@ -111,8 +111,8 @@ class SampledEpisodes:
         places = [place - some.start for place in rows.steps_us if some.start <= place < some.stop]
         eventful[places] = True
         count = int(np.argmax(eventful)) if eventful.any() else len(eventful)
-        known, set_c = np.flatnonzero(read[:count]), rows.set_c[some][:count]
-        set_c = set_c[~np.isnan(set_c)]
+        known, setpoint_c = np.flatnonzero(read[:count]), rows.setpoint_c[some][:count]
+        setpoint_c = setpoint_c[~np.isnan(setpoint_c)]
         last = None
         if len(known):
             place = some.start + int(known[-1])
@@ -121,7 +121,7 @@ class SampledEpisodes:
                 int(rows.tick[place]),
                 rows.temperature_c[place].item(),
             )
-        self._watch.pass_by(last, float(set_c[-1]) if len(set_c) else None)
+        self._watch.pass_by(last, float(setpoint_c[-1]) if len(setpoint_c) else None)
         return int(some.start) + count
 
     def _take(self, rows: Rows, some: slice) -> None:
@@ -131,7 +131,7 @@ class SampledEpisodes:
             *(column[some].tolist() for column in rows[:-1]),
             strict=True,
         )
-        for place, time_us, tick, value, is_read, works, set_c in columns:
+        for place, time_us, tick, value, is_read, works, setpoint_c in columns:
             if steps and place in steps:
                 self._watch.step(steps[place])
             reports = take(
@@ -139,7 +139,7 @@ class SampledEpisodes:
                 tick,
                 value if is_read else None,
                 works,
-                set_c if set_c == set_c else None,  # NaN
+                setpoint_c if setpoint_c == setpoint_c else None,  # NaN
             )
             if reports:
                 found += [
@@ -207,7 +207,7 @@ def _new(event: EventRow, side: Side) -> Episode:
         Detector.STATION,
         earliest_us(event),
         event.time,
-        event.limit,
+        event.limit_value,
         raised_us=event.time,
         is_confirmed=False,
     )

@@ -31,7 +31,7 @@ from jbclog.core.rows import (
 )
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
-_TEMPERATURE, _STATUS, _SET = (COLUMN[name] for name in ("temperature_c", "status", "set_c"))
+_TEMPERATURE, _STATUS, _SET = (COLUMN[name] for name in ("temperature_c", "status", "setpoint_c"))
 
 KIND: Final = "alarm.episode"
 _SEVERITY: Final = {
@@ -149,7 +149,7 @@ def event_of(transition: Transition, episode: Episode, time_us: int) -> EventRow
         episode.port,
         earliest,
         value=episode.peak_c,
-        limit=episode.limit_c,
+        limit_value=episode.limit_c,
         raw=episode.id,
     )
 

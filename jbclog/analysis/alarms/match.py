@@ -39,12 +39,32 @@ class Incident:
     by: dict[Detector, list[Episode]] = field(default_factory=dict)
 
     @property
-    def name(self) -> str:
-        """Name of the main episode: the first by our samples, else by the station's flags, else of
-        the excursions.
+    def main(self) -> Episode:
+        """The episode that describes it: the first by our samples, else by the station's flags,
+        else of the excursions.
         """
         ranks = (Detector.SAMPLES, Detector.STATION, Detector.AFTERWARDS)
-        return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us)).id
+        return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us))
+
+    @property
+    def name(self) -> str:
+        """Name of the main episode."""
+        return self.main.id
+
+    @property
+    def is_alarm(self) -> bool:
+        """Whether the station or our samples raised it; an excursion shorter than the delay is
+        none.
+        """
+        return any(one.detector is not Detector.AFTERWARDS for one in self.episodes)
+
+    @property
+    def witnesses(self) -> str:
+        """The detectors of its episodes, such as ``A, B ×2, C``."""
+        counts = {each: len(self.by[each]) for each in Detector if self.by[each]}
+        return ", ".join(
+            f"{each} ×{count}" if count > 1 else str(each) for each, count in counts.items()
+        )
 
     @property
     def begin_us(self) -> int:

@@ -148,7 +148,7 @@ class PortWatch:
         tick: int,
         temperature: float | None,
         works: bool,  # positional, once per row: keywords cost a third more
-        set_c: float | None,
+        setpoint_c: float | None,
     ) -> Sequence[Report]:
         """Add the next row of this port and return the transitions of its episodes.
 
@@ -156,8 +156,8 @@ class PortWatch:
         """
         if self._changes:
             self._apply_changes(time_us - self._stepped_us)
-        if set_c is not None:
-            self._setpoint = set_c
+        if setpoint_c is not None:
+            self._setpoint = setpoint_c
         if temperature is None:
             return self._miss(tick, time_us) if self._is_raised else ()
         if works and self._low <= temperature <= self._high:
@@ -181,12 +181,12 @@ class PortWatch:
         """Time of the last row before the next change applies; infinite without one."""
         return self._changes[0].at_us + self._stepped_us if self._changes else inf
 
-    def pass_by(self, last: tuple[int, int, float] | None, set_c: float | None) -> None:
+    def pass_by(self, last: tuple[int, int, float] | None, setpoint_c: float | None) -> None:
         """Skip rows that change nothing. `last`: time, tick and temperature of the last reading;
-        `set_c`: the last setpoint.
+        `setpoint_c`: the last setpoint.
         """
-        if set_c is not None:
-            self._setpoint = set_c
+        if setpoint_c is not None:
+            self._setpoint = setpoint_c
         if last is not None:
             self._us, self._tick, self._arrival.previous_c = last
             self._has_read = True

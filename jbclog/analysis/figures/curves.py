@@ -263,12 +263,6 @@ def runs(seconds: Moments, words: Words, period_s: float) -> list[Span]:
     return [Span(start, end, names[code]) for start, end, code in edges]
 
 
-def missing_ticks(seconds: Floats, period_s: float) -> list[Span]:
-    """Return where ticks have no rows at all: the host was suspended or stalled."""
-    edges = np.flatnonzero(np.diff(seconds) > 1.5 * period_s)
-    return [Span(float(seconds[i]) + period_s, float(seconds[i + 1]), "skipped") for i in edges]
-
-
 def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
     """Merge spans of one word that are too close to be distinguished."""
     firsts: list[Span] = []

@@ -1,10 +1,10 @@
-"""The trace of a port from its rows of `samples`: readings, states, hot air, and reasons of missing
-data. `JoinedTrace` builds it piece by piece, in a third of the memory.
+"""The trace of a port from its rows of `samples`: readings, states and hot air; its gaps are those
+of the analysis. `JoinedTrace` builds it piece by piece, in a third of the memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jbclog.analysis.clock_steps import nominal_period
 from jbclog.analysis.figures.curves import (
     Floats,
     GridSeconds,
@@ -21,22 +22,21 @@ from jbclog.analysis.figures.curves import (
     Span,
     coded,
     merged,
-    missing_ticks,
     runs,
 )
+from jbclog.analysis.figures.style import BETWEEN_REASONS
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Air, Grid, Trace
+from jbclog.analysis.gaps import Gap
 from jbclog.analysis.verdict import judged_signals
-from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.core.rows import StationFacts
 
 COLUMNS = (
     "tick",
-    "quality",
     "reasons",
     "temperature_c",
     "power_permille",
     "status",
-    "set_c",
+    "setpoint_c",
 )
 STATE_COLUMNS = ("solder_shortage", "clogged", "preparing", "in_range")
 SOLDER, CONTROL, TEMPERATURE = "solder", "control", "temperature"
@@ -47,7 +47,7 @@ READY = "ready"
 IN_RANGE = "in range"
 OUT_OF_RANGE = "out of range"
 SIGNAL = "external_c"
-AIR_COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
+AIR_COLUMNS = ("quality", "cooling", "desoldering", SIGNAL, "set_flow_permille")
 FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"
 AWAY = ("disconnected", "robot_off")
 FLOW_JOINED_S = 15.0  # due every 5 s; two losses are bridged in the drawing only
@@ -55,12 +55,17 @@ FLOW_JOINED_S = 15.0  # due every 5 s; two losses are bridged in the drawing onl
 
 def columns_of(facts: StationFacts) -> list[str]:
     """Return the columns that a trace needs; on a grid the time of a row is not needed."""
-    return [
-        *(() if facts.period_s else ("time",)),
-        *COLUMNS,
-        *(STATE_COLUMNS if has_only_states(facts) else ()),
-        *(AIR_COLUMNS if has_air(facts) else ()),
-    ]
+    return [*(() if facts.period_s else ("time",)), *COLUMNS, *own_columns(facts)]
+
+
+def own_columns(facts: StationFacts) -> list[str]:
+    """Return the columns that a trace of this kind of station needs besides `COLUMNS`."""
+    columns: list[str] = []
+    if has_only_states(facts):
+        columns += STATE_COLUMNS
+    if has_air(facts):
+        columns += AIR_COLUMNS
+    return columns
 
 
 def has_only_states(facts: StationFacts) -> bool:
@@ -76,7 +81,8 @@ def has_air(facts: StationFacts) -> bool:
 def trace(
     samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False
 ) -> Trace:
-    """Return the trace of one port from its rows of `samples`, in order of their ticks.
+    """Return the trace of one port, without its gaps, from its rows of `samples` in order of their
+    ticks.
 
     `of_states`: the station reports states and no temperature. `of_air`: it is a hot air station.
     """
@@ -86,22 +92,19 @@ def trace(
     temperature = _readings(samples["temperature_c"])
     # a single row is drawn as one second
     period_s = grid.period_s or nominal_period(seconds) or 1.0
-    is_read = _is_any_state_read(samples) if of_states else ~np.isnan(temperature)
-    why = _coded(samples["quality"], but=is_read, ok="not due")
-    skipped = missing_ticks(seconds, period_s) if grid.period_s else []
     return Trace(
         grid,
         period_s,
         seconds,
         temperature,
         _readings(samples["power_permille"]),
-        _readings(samples["set_c"]),
+        _readings(samples["setpoint_c"]),
         runs(
             seconds,
             status_words(samples) if of_air else pd.Categorical(samples["status"]),
             period_s,
         ),
-        sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
+        [],
         states=state_lanes(samples, seconds, period_s) if of_states else {},
         air=air_of(samples, seconds, period_s) if of_air else None,
         reasons=_coded(samples["reasons"]) if "reasons" in samples else pd.Categorical([]),
@@ -112,25 +115,22 @@ def _utc_us(times: pd.Series[pd.Timestamp]) -> Floats:
     return np.asarray(times.to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64))
 
 
-def _coded(
-    column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok"
-) -> pd.Categorical:
-    """Return the texts of a column as categories: none where missing and in the rows `but`; ``ok``
-    is renamed to `ok`.
-    """
+def gap_spans(gaps: Iterable[Gap], t0_utc_us: int) -> list[Span]:
+    """Return gaps in seconds of the run, each with its reasons."""
+    return [
+        Span(
+            (gap.start_us - t0_utc_us) / 1e6,
+            (gap.stop_us - t0_utc_us) / 1e6,
+            BETWEEN_REASONS.join(gap.reasons),
+        )
+        for gap in gaps
+    ]
+
+
+def _coded(column: pd.Series[str]) -> pd.Categorical:
+    """Return the texts of a column as categories; none where missing."""
     given = pd.Categorical(column)
-    names = [ok if text == "ok" else str(text) for text in given.categories]
-    distinct = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    # code -1 is the last one
-    number = np.array([*map(distinct.__getitem__, names), -1], dtype=np.int32)
-    return coded(
-        number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)],
-        [*distinct],
-    )
-
-
-def _is_any_state_read(samples: pd.DataFrame) -> NDArray[np.bool_]:
-    return np.asarray(samples[[*STATE_COLUMNS]].notna().any(axis=1), dtype=np.bool_)
+    return coded(np.asarray(given.codes, dtype=np.int32), [str(text) for text in given.categories])
 
 
 def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
@@ -236,24 +236,19 @@ class JoinedTrace:
         self._ticks, self._codes = GrowingColumn(), GrowingColumn()
         self._places: dict[str, int] = {}
         self._status: list[Span] = []
-        self._gaps: list[Span] = []
-        self._missing: list[Span] = []
         self._last_s = -inf
 
     def add(self, piece: Trace) -> None:
         """Add the trace of the next rows."""
-        before_s, period_s = self._last_s, piece.period_s
         if self._first is None:
             self._first = piece.between(inf, inf)
-        else:
-            self._missing += missing_ticks(np.array([before_s, piece.seconds[0]]), period_s)
         for name, column in self._columns.items():
             column.add(getattr(piece, name))
-        self._ticks.add(_narrow(np.rint(piece.seconds[:] / period_s).astype(np.int64)))
+        ticks = np.rint(piece.seconds[:] / piece.period_s).astype(np.int64)
+        self._ticks.add(_narrow(ticks))
         self._codes.add(self._coded(piece.reasons))
         if len(piece.seconds):
-            _add_spans(self._status, piece.status, piece, before_s)
-            _add_spans(self._gaps, piece.gaps, piece, before_s)
+            _add_spans(self._status, piece.status, piece, self._last_s)
             self._last_s = float(piece.seconds[-1])
 
     def trace(self) -> Trace:
@@ -262,7 +257,6 @@ class JoinedTrace:
         return replace(
             self._first,
             status=self._status,
-            gaps=sorted([*self._gaps, *self._missing], key=lambda span: span.start),
             reasons=coded(self._codes.array(), [*self._places]),
             seconds=GridSeconds(self._ticks.array(), self._first.period_s),
             temperature=self._columns["temperature"].array(),

@@ -61,13 +61,24 @@ DARK_STATUS: Final = frozenset(
 )
 
 # dots would be 40 kB
-HATCHES: Final = {"disconnected": "xxxx", "skipped": "----", "no_tool": "||||", "robot_off": "++++"}
+HATCHES: Final = {
+    "disconnected": "xxxx",
+    "robot_off": "++++",
+    "no_tool": "||||",
+    "skipped": "----",
+    "no_rows": "----",
+}
+"""Reason -> hatch, the most severe first."""
 HATCH_ELSE: Final = "////"
+BETWEEN_REASONS: Final = ", "  # of a gap
 
 
 def hatch(word: str, wide: bool) -> str | None:
-    """Return the hatch of missing data by its reason; None for a sliver."""
-    return HATCHES.get(word, HATCH_ELSE) if wide else None
+    """Return the hatch of a gap by the most severe of its reasons; None for a sliver."""
+    if not wide:
+        return None
+    reasons = word.split(BETWEEN_REASONS)
+    return next((HATCHES[reason] for reason in HATCHES if reason in reasons), HATCH_ELSE)
 
 
 MARK_COLOURS: Final = {

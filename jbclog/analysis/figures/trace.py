@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from jbclog.analysis.clock_steps import Step, Unstepped
 from jbclog.analysis.figures.curves import (
     Floats,
     Moments,
@@ -19,7 +20,6 @@ from jbclog.analysis.figures.curves import (
     rows_within,
     within,
 )
-from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 
 JOINED_PERIODS = 1.5  # no line joins samples further apart than this
 # the setting is due every 5 s; two losses are bridged in the drawing only

@@ -32,7 +32,7 @@ import numpy as np
 from jbclog.analysis.joints.segments import Places, rows_of_highest_sum, runs, segments
 from jbclog.analysis.joints.series import Stretch
 from jbclog.analysis.joints.thermal import COARSE_S, Noise, ThermalModel, flow_of, rate, smooth
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 HIGH_NOISES, HIGH_PERMILLE = 4.0, 35.0
 LOW_NOISES, LOW_PERMILLE = 2.0, 14.0

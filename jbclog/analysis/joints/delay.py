@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.thermal import Delay, smooth
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 RANGE_S: Final = (-0.5, 0.9)  # compared delays
 SMOOTH_S, SMOOTH_PERIODS = 0.12, 0.7

@@ -81,6 +81,13 @@ class Doubt:
     looked_at: int
     seen_from: float
 
+    def range_of(self, joints: int) -> tuple[int, int]:
+        """Return the least and the most joints of a record in which `joints` were found: the
+        windows examined may be a part of it.
+        """
+        share = joints / self.looked_at if self.looked_at else 1.0
+        return round(share * self.least), round(share * self.most)
+
 
 def doubt_of(tools: Sequence[Tool], settings: JointSettings) -> Doubt:
     """Return the doubt about the joints of all tools together."""
@@ -120,8 +127,7 @@ def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
         )
     if doubt.share <= allowed:
         return None
-    share = joints / doubt.looked_at if doubt.looked_at else 1.0
-    least, most = (round(share * number) for number in (doubt.least, doubt.most))
+    least, most = doubt.range_of(joints)
     found = f"{least} were" if least == most else f"Between {least} and {most} were"
     return (
         f"{found} found as limits, smoothing, heat capacity and lag were"

@@ -18,7 +18,7 @@ from jbclog.analysis.joints.contacts import HIGH_NOISES, HIGH_PERMILLE, Contact,
 from jbclog.analysis.joints.parameters import JointSettings
 from jbclog.analysis.joints.segments import segments
 from jbclog.analysis.joints.thermal import ThermalModel
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 # ‰·s: less is within the error of the heat balance; the smallest pad takes 100
 LEAST_HEAT: Final = 20.0

@@ -7,7 +7,7 @@ joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import ceil
@@ -17,32 +17,28 @@ from typing import Final, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.analysis.clock_steps import steps_in
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import (
-    MOST_PORTS,
-    MOST_ROWS,
     PortReader,
-    at_once,
     floats,
     micros,
-    rows_due,
 )
-from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
+from jbclog.analysis.joints.port_rows import COLUMNS, CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
 from jbclog.analysis.joints.sweeps import Identified, PortSweeps
+from jbclog.analysis.port_data import Counts, Floats, has_tip
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
-from jbclog.analysis.verdict.clock_steps import Step, steps_in
-from jbclog.analysis.verdict.idle import Floats
-from jbclog.analysis.verdict.rules import has_feeder, has_tip
-from jbclog.analysis.verdict.samples import Counts
+from jbclog.analysis.verdict.rules import has_feeder
 from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.clock_steps import COLUMNS as COLUMNS_OF_STEPS
 from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups
+from jbclog.record.samples_by_port import SamplesByPort, samples_by_port
 from jbclog.record.schema import SCHEMAS
 
 EDGE_S: Final = 1.0
@@ -73,76 +69,57 @@ def joint_evidence(
     manifest.
     """
 
-    def read(table: str, columns: list[str]) -> Iterable[pa.Table]:
-        return row_groups(folder, table, columns, coded=table == "samples")
-
-    stepped_s = sum(abs(step.size_s) for step in clock_steps(read))
-    return {
-        key: _port_joints(one, stepped_s)
-        for key, one in ports_found(folder, read, stations, t0_utc).items()
-    }
+    read = partial(row_groups, folder)
+    stepped_s = sum(abs(step.size_s) for step in steps_in(read("events", COLUMNS_OF_STEPS)))
+    samples = samples_by_port(folder, COLUMNS)
+    found = ports_found(folder, read, samples, stations, t0_utc)
+    return {key: _port_joints(port, stepped_s) for key, port in found.items()}
 
 
 def ports_found(
-    folder: Path, read: Read, stations: Sequence[StationFacts], t0_utc: float | None
+    folder: Path,
+    read: Read,
+    samples: SamplesByPort,
+    stations: Sequence[StationFacts],
+    t0_utc: float | None,
 ) -> dict[PortKey, PortFound]:
     """Return the joints of each port of these stations that has a tip.
 
-    `read` returns the rows; `folder` has the recipes. Ports without a feeder are read in windows
-    (`sweeps`), the others as a whole.
+    `read` returns the rows of the other tables; `folder` has the recipes. Ports without a feeder
+    are read in windows (`sweeps`), the others as a whole.
     """
-    with_tip = [facts for facts in stations if has_tip(facts)]
-    clock = clock_steps(read), round((t0_utc or 0.0) * 1e6)
-    options = {facts.name: options_of(joints_asked(folder, facts)) for facts in with_tip}
+    steps = steps_in(read("events", COLUMNS_OF_STEPS))
+    t0_us = round((t0_utc or 0.0) * 1e6)
     found: dict[PortKey, PortFound] = {}
-    in_windows = [facts for facts in with_tip if not has_feeder(facts)]
-    for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
-        reader = PortReader(some, partial(read, "samples"), *clock, MOST_ROWS)
-        found |= _in_windows(reader, some, options)
-    for some in at_once([facts for facts in with_tip if has_feeder(facts)], rows_due, MOST_ROWS):
-        found |= _whole(
-            PortReader(some, partial(read, "samples"), *clock, MOST_ROWS), some, read, options
-        )
-    return {
-        (facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports
-    }
-
-
-def _in_windows(
-    reader: PortReader, stations: Sequence[StationFacts], options: Mapping[str, JointOptions]
-) -> dict[PortKey, PortFound]:
-    ports = {
-        (facts.name, port): PortSweeps(options[facts.name])
-        for facts in stations
-        for port in facts.ports
-    }
-    reader.sweep(ports)
-    return {
-        key: PortFound(
-            port.found,
-            reader.rows(key),
-            reader.period_s(key),
-            reader.last_s(key),
-            identified=port.identified,
-        )
-        for key, port in ports.items()
-    }
-
-
-def _whole(
-    reader: PortReader,
-    stations: Sequence[StationFacts],
-    read: Read,
-    options: Mapping[str, JointOptions],
-) -> dict[PortKey, PortFound]:
-    found, counters = {}, {facts.name: _counters(read, facts.name) for facts in stations}
-    for (name, port), (plain, utc_us) in reader.whole().items():
-        counted = counters[name].filter(pc.equal(counters[name]["port"], port))
-        series = replace(plain, cycles=_cycles(counted, utc_us, plain.moments))
-        last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
-        joints = find_joints(series, options[name])
-        found[name, port] = PortFound(joints, len(series.seconds), series.period_s, last_s, series)
+    for facts in stations:
+        if not has_tip(facts):
+            continue
+        options = options_of(joints_asked(folder, facts))
+        counters = _counters(read, facts.name) if has_feeder(facts) else None
+        for port in facts.ports:
+            reader = PortReader(facts, port, samples, steps, t0_us)
+            if counters is None:
+                found[facts.name, port] = _in_windows(reader, options)
+            else:
+                of_port = counters.filter(pc.equal(counters["port"], port))
+                found[facts.name, port] = _whole(reader, of_port, options)
     return found
+
+
+def _in_windows(reader: PortReader, options: JointOptions) -> PortFound:
+    port = PortSweeps(options)
+    reader.sweep(port)
+    return PortFound(
+        port.found, reader.rows, reader.period_s, reader.last_s, identified=port.identified
+    )
+
+
+def _whole(reader: PortReader, counters: pa.Table, options: JointOptions) -> PortFound:
+    plain, utc_us = reader.whole()
+    series = replace(plain, cycles=_cycles(counters, utc_us, plain.moments))
+    last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
+    joints = find_joints(series, options)
+    return PortFound(joints, len(series.seconds), series.period_s, last_s, series)
 
 
 def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
@@ -160,11 +137,6 @@ def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
     recoveries = [_recovery(joint) for joint in found.joints]
     unseen_joints = _possibly_unseen(port.rows * port.period_s, found)
     return PortJoints(recoveries, feeds, found.heat_why or found.why, unseen_joints, found.unseen_s)
-
-
-def clock_steps(read: Read) -> list[Step]:
-    """Return the steps that the times of these rows follow, oldest first."""
-    return [step for events in read("events", COLUMNS_OF_STEPS) for step in steps_in(events)]
 
 
 def _counters(read: Read, station: str) -> pa.Table:

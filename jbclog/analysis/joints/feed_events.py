@@ -23,7 +23,7 @@ import numpy as np
 
 from jbclog.analysis.joints.segments import runs
 from jbclog.analysis.joints.series import Cycles, Series
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 ONE_FEED_S: Final = 0.3
 ONE_CYCLE_S: Final = 3.0  # pushes further apart are never one cycle of the feeder

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.joints.series import Stretch
-from jbclog.analysis.verdict.idle import Flags
+from jbclog.analysis.port_data import Flags
 
 NEAR_K, SLOW_K_PER_S = 30.0, 5.0
 SLOW_FOR_S: Final = 0.4

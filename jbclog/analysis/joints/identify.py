@@ -56,7 +56,7 @@ from jbclog.analysis.joints.thermal import (
     temperature_noise,
     term_noise,
 )
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 NEVER_READ: Final = "Temperature and power of a working tool were never read together."
 ROUNDS, FINALISTS = 3, 2

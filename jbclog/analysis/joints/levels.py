@@ -18,7 +18,7 @@ import numpy as np
 
 from jbclog.analysis.joints.contacts import Flow
 from jbclog.analysis.joints.draws import Draw
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 CALM_S, CALM_K = 2.0, 2.0
 LEAST_S: Final = 1.0

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.analysis.joints.thermal import POWER_NOISE_PERMILLE
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 CAPACITIES: Final = np.geomspace(4.0, 45.0, 14)  # ‰·s/K; a tip of 1.2 J/K at 130 W has 9
 LOSSES: Final = np.geomspace(0.06, 1.6, 10)  # ‰/K; 100 ‰ at 350 °C are 0.3

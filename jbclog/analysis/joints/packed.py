@@ -14,7 +14,7 @@ import numpy as np
 
 from jbclog.analysis.joints.draws import kind_of_draw
 from jbclog.analysis.joints.recovery import Joint
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 R = TypeVar("R", bound=NamedTuple)
 ROWS_AT_ONCE: Final = 1024

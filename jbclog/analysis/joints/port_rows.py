@@ -9,11 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from jbclog.analysis.clock_steps import Step, Unstepped
 from jbclog.analysis.joints.series import Cycles
-from jbclog.analysis.verdict.clock_steps import Step, Unstepped
-from jbclog.analysis.verdict.idle import Floats
-from jbclog.analysis.verdict.rules import has_tip
-from jbclog.analysis.verdict.samples import Counts
+from jbclog.analysis.port_data import Counts, Floats, has_tip
 from jbclog.core.rows import StationFacts
 
 COLUMNS: Final = [
@@ -28,7 +26,7 @@ COLUMNS: Final = [
         "power_permille",
         "status",
         "motor",
-        "set_c",
+        "setpoint_c",
     ),
     *("tool", "port_error"),
 ]

@@ -30,7 +30,7 @@ from jbclog.analysis.joints.segments import Places, Segments, segments
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.thermal import AIR_C
 from jbclog.analysis.joints.track import Track, track_of
-from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
+from jbclog.analysis.port_data import Flags, Floats, setting_in_force
 
 BACK_FOR_S: Final = 0.3
 # a tip that is not back by then is cut off, which bounds the rows of one joint

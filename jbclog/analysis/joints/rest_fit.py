@@ -19,7 +19,7 @@ from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.mixture import USUAL_CAPACITY, USUAL_LOSS, Limits, bounded_solution
 from jbclog.analysis.joints.series import Stretch
 from jbclog.analysis.joints.thermal import AIR_C, Balance, balance_of
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 HOT_C: Final = 85.0  # a colder tip shows little of its losses
 RISING_K_PER_S: Final = 5.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 Places = NDArray[np.int64]
 

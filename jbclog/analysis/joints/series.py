@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.analysis.joints.figure import GAP_PERIODS
-from jbclog.analysis.verdict.idle import Block, Flags, Floats, setting_in_force
+from jbclog.analysis.port_data import Flags, Floats, setting_in_force
+from jbclog.analysis.verdict.idle import Block
 
 # resolution of R-TT and R-PP: whole °C and whole ‰ (manuals 000 and 002)
 RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0
@@ -100,6 +101,7 @@ class Series:
             self.gap_s,
             self.seconds[here][is_read],
             values[here][is_read],
+            self.moments[here][is_read],
         )
 
 
@@ -120,7 +122,16 @@ class Extent(ABC):
     @property
     @abstractmethod
     def longest_gap_s(self) -> float:
-        """Longest interval in s between readings, including from the start and to the end."""
+        """Longest interval in s between moments at which readings were due that were made, and a
+        period more to the start and to the end: whether there is a gap.
+        """
+
+    @property
+    @abstractmethod
+    def longest_unread_s(self) -> float:
+        """Longest time in s from one reading to the next, from the start to the first and from the
+        last to the end: how long the gap is (`analysis/gaps.py`).
+        """
 
     @property
     def due(self) -> int:
@@ -145,8 +156,8 @@ class Extent(ABC):
         if longest <= self.gap_s + 1e-6:
             return None
         return (
-            f"The record has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s are allowed"
-            " between two."
+            f"The record has a gap: no reading for {self.longest_unread_s:.1f} s; {self.gap_s:g} s"
+            " are allowed between two."
         )
 
 
@@ -160,6 +171,7 @@ class Window(Extent):
     gap_s: float
     seconds: Floats
     values: Floats
+    moments: Floats  # when each was read
 
     @property
     def n(self) -> int:
@@ -172,6 +184,11 @@ class Window(Extent):
         edges = np.concatenate(
             ([self.start_s - self.period_s], self.seconds, [self.end_s + self.period_s])
         )
+        return float(np.diff(edges).max())
+
+    @property
+    def longest_unread_s(self) -> float:
+        edges = np.concatenate(([self.start_s], self.moments, [self.end_s]))
         return float(np.diff(edges).max())
 
 
@@ -189,16 +206,26 @@ class Column(Extent):
     _rows: int = 0
     _last_s: float = 0.0
     _longest_s: float = 0.0
+    _last_read_s: float = 0.0
+    _last_moment_s: float = 0.0
+    _longest_unread_s: float = 0.0
 
-    def add(self, seconds: Floats, values: Floats) -> None:
+    def add(self, seconds: Floats, values: Floats, moments: Floats) -> None:
+        """Add the next rows: when they were due, their values, and when they were read."""
         if not len(seconds):
             return
         if not self._rows:
             self.start_s = float(seconds[0])
             self._last_s = self.start_s - self.period_s
+            self._last_read_s = float(moments[0])
         self._rows, self.end_s = self._rows + len(seconds), float(seconds[-1])
-        read = seconds[~np.isnan(values)]
+        self._last_moment_s = float(moments[-1])
+        is_read = ~np.isnan(values)
+        read, made = seconds[is_read], moments[is_read]
         if len(read):
+            unread_s = np.diff(made, prepend=self._last_read_s)
+            self._longest_unread_s = max(self._longest_unread_s, float(unread_s.max()))
+            self._last_read_s = float(made[-1])
             self._longest_s = max(self._longest_s, float(np.diff(read, prepend=self._last_s).max()))
             self._n, self._last_s = self._n + len(read), float(read[-1])
 
@@ -211,6 +238,10 @@ class Column(Extent):
         if not self._n:
             return self.end_s - self.start_s + 2 * self.period_s
         return max(self._longest_s, self.end_s + self.period_s - self._last_s)
+
+    @property
+    def longest_unread_s(self) -> float:
+        return max(self._longest_unread_s, self._last_moment_s - self._last_read_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ import numpy as np
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Series
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 LEAST_READINGS = 10
 PUSHED_S = 1.0

@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.joints.series import Stretch
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 AIR_C: Final = 25.0
 SMOOTH_S: Final = 0.1  # two draws half a second apart stay apart

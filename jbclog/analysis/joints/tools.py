@@ -16,7 +16,7 @@ import numpy as np
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.thermal import ThermalModel
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 OWN_MODEL_S: Final = 60.0
 UNKNOWN_CODE: Final = -1.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from jbclog.analysis.joints.segments import Places
 from jbclog.analysis.joints.series import Series
-from jbclog.analysis.verdict.idle import Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
 
 EPSILON_S = 1e-6
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 
 MOST_KEPT: Final = 20_000
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches_of_window
 from jbclog.analysis.joints.series import Series, Stretch, moments_of_grid, stretches
-from jbclog.analysis.verdict.idle import Block, Flags, Floats
+from jbclog.analysis.port_data import Flags, Floats
+from jbclog.analysis.verdict.idle import Block
 
 WINDOW_S, BESIDE_S = 1200.0, 90.0
 MOST_WINDOWS: Final = 6
@@ -218,10 +219,7 @@ class Windows:
 
 
 class SeenWindows:
-    """Shows `look` the windows of an earlier sweep again that are `wanted`, by their begin and end.
-
-    Pieces without a row of these windows may be left out (`needs`).
-    """
+    """Shows `look` the windows of an earlier sweep again that are `wanted`, by begin and end."""
 
     def __init__(self, look: Look, seen: Seen, wanted: Callable[[float, float], bool]) -> None:
         self._look, self._seen = look, seen
@@ -231,10 +229,6 @@ class SeenWindows:
             if wanted(edges.begin_s, edges.end_s)
         )
         self._pieces: list[Series] = []
-
-    def needs(self, first_s: float, last_s: float) -> bool:
-        """Return whether a window that has not been shown has rows between these moments."""
-        return any(one.first_s <= last_s and one.last_s >= first_s for _, one in self._left)
 
     def take(self, piece: Series) -> None:
         if not len(piece.seconds):

@@ -1,6 +1,6 @@
 """The metrics of one port: heat-up, idle error, drift, energy, and joint statistics.
 
-Start with `definitions.py`, which defines every metric and its unit. `measures.py` computes them,
-with `heating.py`, `idling.py`, `energy.py` (with `Totals`, all sums over the rows),
-`joint_figures.py`, and `analysis/joints/solder_wire.py`.
+Start with `metric.py`. A metric is a function in `heating.py`, `idling.py`, `joint_figures.py`,
+`energy.py` (with `Totals`, all sums over the rows) or `feeder.py`; `measures.py` lists and computes
+them.
 """

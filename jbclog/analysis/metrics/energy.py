@@ -11,16 +11,14 @@ of all readings of the state. *Joint share* is the time in joints as a share of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.packed import dwells_of
-from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_PERMILLE, Column, Series
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.metrics.metric import TIP, Basis, Value, metric, not_known
+from jbclog.analysis.port_data import Floats
 
 AT_LEAST_PERMILLE = 500.0
 NOT_RATED = "The station's full-scale power is not declared (rated_power_w in the line file)."
@@ -52,9 +50,10 @@ class Totals:
 
     def take(self, series: Series) -> None:
         seconds, rows = series.seconds, series.rows
-        self.temperature.add(seconds, rows.temperature)
-        self.power.add(seconds, rows.power)
-        self.state.add(seconds, np.where(series.known, 1.0, np.nan))
+        moments = series.moments
+        self.temperature.add(seconds, rows.temperature, moments)
+        self.power.add(seconds, rows.power, moments)
+        self.state.add(seconds, np.where(series.known, 1.0, np.nan), moments)
         self.working += int(rows.working.sum())
         there = ~np.isnan(rows.power)
         working = rows.power[there & rows.working]
@@ -75,101 +74,87 @@ def totals_of(series: Series) -> Totals:
     return Totals(series.period_s, series.gap_s, series.rated_w)
 
 
-def energy(
-    port: Totals, joints: Sequence[Joint] | None, number_why: str | None = None
-) -> list[Figure]:
-    """Return power, energy, duty and utilisation; `joints` None: the tool makes none.
-
-    `number_why` is why the number of joints is not known.
-    """
-    return [
-        _mean(port),
-        *_energies(port),
-        _duty(port),
-        _utilisation(port),
-        *([] if joints is None else [_joint_share(port, joints, number_why)]),
-    ]
+@metric("power_mean_permille", "‰", "Mean of the power readings while the tool works.")
+def power_mean_permille(port: Basis) -> Value:
+    totals = port.totals
+    if not totals.power_n:
+        return not_known(NO_POWER)
+    mean = totals.power_sum / totals.power_n
+    return Value(mean, totals.power_n, totals.power.coverage, RESOLUTION_PERMILLE)
 
 
-def _mean(port: Totals) -> Figure:
-    if not port.power_n:
-        return no_figure("power_mean_permille", "‰", NO_POWER)
-    mean = port.power_sum / port.power_n
-    return Figure(
-        "power_mean_permille", mean, "‰", port.power_n, port.power.coverage, RESOLUTION_PERMILLE
-    )
+@metric(
+    "energy_permille_s",
+    "‰·s",
+    "Integral of the power over the whole record (trapezoids on the grid of ticks).",
+)
+def energy_permille_s(port: Basis) -> Value:
+    recorded, gap = energy_recorded_permille_s(port), port.totals.power.gap
+    if gap is None or recorded.value is None:
+        return recorded
+    return not_known(gap, recorded.n, recorded.coverage, low=recorded.value)
 
 
-def _energies(port: Totals) -> list[Figure]:
-    power = port.power
+@metric(
+    "energy_recorded_permille_s",
+    "‰·s",
+    "The same over the stretches without a gap of more than one reading: where there is one, a"
+    " lower bound.",
+)
+def energy_recorded_permille_s(port: Basis) -> Value:
+    totals, power = port.totals, port.totals.power
     if power.n < 2:
-        return [no_figure(name, unit, "No power was read.", power.n) for name, unit in ENERGIES]
-    resolution = RESOLUTION_PERMILLE * port.period_s
-    part = Figure(
-        "energy_recorded_permille_s", port.recorded, "‰·s", power.n, power.coverage, resolution
-    )
-    gap = power.gap
-    whole = (
-        part.named("energy_permille_s")
-        if gap is None
-        else no_figure("energy_permille_s", "‰·s", gap, power.n, power.coverage)
-    )
-    return [whole, part, _joules(whole, port.rated_w)]
+        return not_known("No power was read.", power.n)
+    resolution = RESOLUTION_PERMILLE * totals.period_s
+    return Value(totals.recorded, power.n, power.coverage, resolution)
 
 
-ENERGIES = (("energy_permille_s", "‰·s"), ("energy_recorded_permille_s", "‰·s"), ("energy_j", "J"))
-
-
-def _joules(whole: Figure, rated_w: float | None) -> Figure:
+@metric(
+    "energy_j",
+    "J",
+    "energy_permille_s × full-scale power / 1000, where the line file declares that power.",
+)
+def energy_j(port: Basis) -> Value:
+    whole, rated_w = energy_permille_s(port), port.totals.rated_w
+    if port.totals.power.n < 2:
+        return whole
     if rated_w is None:
-        return no_figure("energy_j", "J", NOT_RATED, whole.n, whole.coverage)
+        return not_known(NOT_RATED, whole.n, whole.coverage)
     if whole.value is None or whole.resolution is None:
-        return no_figure("energy_j", "J", whole.why or "", whole.n, whole.coverage)
-    return Figure(
-        "energy_j",
-        whole.value * rated_w / 1000,
-        "J",
-        whole.n,
-        whole.coverage,
-        whole.resolution * rated_w / 1000,
-    )
+        low = None if whole.low is None else whole.low * rated_w / 1000
+        return not_known(whole.why or "", whole.n, whole.coverage, low=low)
+    resolution = whole.resolution * rated_w / 1000
+    return Value(whole.value * rated_w / 1000, whole.n, whole.coverage, resolution)
 
 
-def _duty(port: Totals) -> Figure:
-    if not port.power_n:
-        return no_figure("duty_percent", "%", NO_POWER)
-    share = 100.0 * (port.power_high / port.power_n)
-    return Figure(
-        "duty_percent", share, "%", port.power_n, port.power.coverage, 100.0 / port.power_n
-    )
+@metric(
+    "duty_percent",
+    "%",
+    f"Share of the working readings with {AT_LEAST_PERMILLE:g} ‰ of power or more.",
+)
+def duty_percent(port: Basis) -> Value:
+    totals = port.totals
+    if not totals.power_n:
+        return not_known(NO_POWER)
+    share = 100.0 * (totals.power_high / totals.power_n)
+    return Value(share, totals.power_n, totals.power.coverage, 100.0 / totals.power_n)
 
 
-def _utilisation(port: Totals) -> Figure:
-    known = port.state.n
+@metric("utilisation_percent", "%", "Share of the readings of the state in which the tool works.")
+def utilisation_percent(port: Basis) -> Value:
+    totals, known = port.totals, port.totals.state.n
     if not known:
-        return no_figure("utilisation_percent", "%", "The tool's state was never read.")
-    return Figure(
-        "utilisation_percent",
-        100.0 * port.working / known,
-        "%",
-        known,
-        port.state.coverage,
-        100.0 / known,
-    )
+        return not_known("The tool's state was never read.")
+    return Value(100.0 * totals.working / known, known, totals.state.coverage, 100.0 / known)
 
 
-def _joint_share(port: Totals, joints: Sequence[Joint], number_why: str | None) -> Figure:
-    if number_why is not None:
-        return no_figure("joint_share_percent", "%", number_why, len(joints))
-    if not port.working:
-        return no_figure("joint_share_percent", "%", "The tool was never seen working.")
+@metric("joint_share_percent", "%", "Dwell of all joints as a share of the working time.", TIP)
+def joint_share_percent(port: Basis) -> Value:
+    totals, joints = port.totals, port.found.joints
+    if port.joints_why is not None:
+        return not_known(port.joints_why, len(joints))
+    if not totals.working:
+        return not_known("The tool was never seen working.")
     busy = sum(dwell or 0.0 for dwell in dwells_of(joints))
-    share = 100.0 * busy / (port.working * port.period_s)
-    return Figure(
-        "joint_share_percent",
-        share,
-        "%",
-        len(joints),
-        port.temperature.coverage,
-        100.0 / port.working,
-    )
+    share = 100.0 * busy / (totals.working * totals.period_s)
+    return Value(share, len(joints), totals.temperature.coverage, 100.0 / totals.working)

@@ -15,16 +15,17 @@ without a value if all have one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.series import RESOLUTION_C, Series, Window
 from jbclog.analysis.joints.windows import View
-from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
+from jbclog.analysis.metrics.metric import Basis, Value, metric, not_known
+from jbclog.analysis.port_data import Flags, Floats, setting_in_force
 
 BAND_C, HOLD_S = 10.0, 1.0
 LEAST_RISE_C = 5.0
@@ -32,6 +33,8 @@ AFTER_S = 10.0
 CALM_C = 3.0
 PATIENCE_S = 60.0
 ORDER_S = 10.0
+NOT_REACHED: Final = "The tip did not reach its setting."
+NOT_SETTLED: Final = "The tip did not settle while it was looked at."
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,31 +49,70 @@ class HeatUp:
 
 
 class Heating:
-    """Heat-up time, overshoot and settling time of a port, from rows added window by window."""
+    """Heat-ups of a port, from rows added window by window."""
 
-    def __init__(self, period_s: float, ordered_s: float | None) -> None:
-        self._period_s, self._found = period_s, list[HeatUp]()
+    def __init__(self, ordered_s: float | None) -> None:
+        self.heat_ups: list[HeatUp] = []
         self._ordered_s = ordered_s  # for the record's first row; None after it
 
     def take(self, view: View) -> None:
         """Add the heat-ups that begin in a window; each needs up to `PATIENCE_S` and `AFTER_S`,
         which windows have after them.
         """
-        self._found += _heat_ups(replace(view.series, ordered_s=self._ordered_s), view)
+        self.heat_ups += _heat_ups(replace(view.series, ordered_s=self._ordered_s), view)
         self._ordered_s = None
 
-    def figures(self) -> list[Figure]:
-        """Return the medians over all heat-ups."""
-        time, found = self._period_s, self._found
-        not_reached = "The tip did not reach its setting."
-        not_settled = "The tip did not settle while it was looked at."
-        return [
-            _median("heat_up_time_s", "s", time, found, lambda one: one.time_s, not_reached),
-            _median(
-                "overshoot_c", "°C", RESOLUTION_C, found, lambda one: one.overshoot_c, not_reached
-            ),
-            _median("settling_time_s", "s", time, found, lambda one: one.settling_s, not_settled),
-        ]
+
+@metric(
+    "heat_up_time_s",
+    "s",
+    f"From the order to work, or from a setting raised by {LEAST_RISE_C:g} °C or more, with a"
+    f" tip more than {BAND_C:g} °C below its setting, until it first enters setting ±"
+    f" {BAND_C:g} °C and stays there for {HOLD_S:g} s. Median over the heat-ups.",
+)
+def heat_up_time_s(port: Basis) -> Value:
+    times_s = [heat_up.time_s for heat_up in _without_gap(port)]
+    return _median(port, times_s, port.totals.period_s, NOT_REACHED)
+
+
+@metric(
+    "overshoot_c",
+    "°C",
+    f"Highest temperature minus setting in the {AFTER_S:g} s after that entry, or until setting"
+    " or state change. Median.",
+)
+def overshoot_c(port: Basis) -> Value:
+    overshoots = [heat_up.overshoot_c for heat_up in _without_gap(port)]
+    return _median(port, overshoots, RESOLUTION_C, NOT_REACHED)
+
+
+@metric(
+    "settling_time_s",
+    "s",
+    f"From the same beginning until the last moment in these {AFTER_S:g} s at which the tip is"
+    f" further than {CALM_C:g} °C from its setting. Median.",
+)
+def settling_time_s(port: Basis) -> Value:
+    times_s = [heat_up.settling_s for heat_up in _without_gap(port)]
+    return _median(port, times_s, port.totals.period_s, NOT_SETTLED)
+
+
+def _without_gap(port: Basis) -> list[HeatUp]:
+    return [heat_up for heat_up in port.heat_ups if heat_up.gap is None]
+
+
+def _median(port: Basis, of_each: Sequence[float | None], resolution: float, none: str) -> Value:
+    """Return the median over the heat-ups without a gap that have a value; `none`: why if none
+    has.
+    """
+    values = [value for value in of_each if value is not None]
+    if values:
+        coverage = round(float(np.mean([heat_up.coverage for heat_up in _without_gap(port)])), 3)
+        return Value(float(np.median(values)), len(values), coverage, resolution)
+    if of_each:
+        return not_known(none)
+    gaps = [heat_up.gap for heat_up in port.heat_ups if heat_up.gap]
+    return not_known(gaps[0] if gaps else "No heat-up whose beginning was recorded.")
 
 
 def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
@@ -163,22 +205,3 @@ def _entry(window: Window, aim: float) -> float | None:
         if until - window.seconds[first] >= HOLD_S - 1e-6:
             return float(window.seconds[first])
     return None
-
-
-def _median(
-    name: str,
-    unit: str,
-    resolution: float,
-    found: list[HeatUp],
-    value: Callable[[HeatUp], float | None],
-    none: str,
-) -> Figure:
-    whole = [one for one in found if one.gap is None]
-    values = [known for one in whole if (known := value(one)) is not None]
-    if values:
-        coverage = round(float(np.mean([one.coverage for one in whole])), 3)
-        return Figure(name, float(np.median(values)), unit, len(values), coverage, resolution)
-    if whole:
-        return no_figure(name, unit, none)
-    gaps = [one.gap for one in found if one.gap]
-    return no_figure(name, unit, gaps[0] if gaps else "No heat-up whose beginning was recorded.")

@@ -22,16 +22,16 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.series import RESOLUTION_C, Series
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import joined, rows_of
+from jbclog.analysis.metrics.metric import Basis, Value, metric, not_known
+from jbclog.analysis.port_data import Floats
 from jbclog.analysis.verdict.idle import (
     ENOUGH_ROWS,
     ENOUGH_S,
     NOT_IDLE,
     Block,
-    Floats,
     by_block,
     idle_readings,
 )
@@ -42,13 +42,13 @@ DECIMALS: Final = 3
 
 
 class Idling:
-    """Idle error, spread, range and drift of a port, from rows added window by window."""
+    """The idle readings of a port, from rows added window by window."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._rows: list[Series] = []  # those of an incomplete block
-        self._errors = Values(DECIMALS)
-        self._cells: list[_Cells] = []
+        self.errors = Values(DECIMALS)
+        self.cells: list[_Cells] = []
 
     def take(self, series: Series) -> None:
         if not len(series.seconds):
@@ -62,59 +62,87 @@ class Idling:
     def _add(self, block: Block) -> None:
         seconds, errors = idle_readings(block, self._period_s)
         if len(errors):
-            self._errors.add(errors)
-            self._cells.append(_cells(seconds, errors))
+            self.errors.add(errors)
+            self.cells.append(_cells(seconds, errors))
 
-    def figures(self, coverage: float) -> list[Figure]:
-        """Return the figures of all rows added."""
-        for held in self._rows:
-            self._add(held.rows)
+    def end(self) -> None:
+        """End: there are no more rows."""
+        for rest in self._rows:
+            self._add(rest.rows)
         self._rows.clear()
-        errors = self._errors
-        if errors.n < ENOUGH_ROWS or errors.n * self._period_s < ENOUGH_S:
-            names = (
-                ("idle_error_c", "°C"),
-                ("idle_sd_c", "°C"),
-                ("idle_range_c", "°C"),
-                ("drift_c_per_h", "°C/h"),
-            )
-            return [no_figure(name, unit, NOT_IDLE, errors.n, coverage) for name, unit in names]
-        return [
-            Figure("idle_error_c", errors.mean, "°C", errors.n, coverage, RESOLUTION_C),
-            _spread(errors.sd, errors.n, coverage),
-            Figure("idle_range_c", errors.range, "°C", errors.n, coverage, RESOLUTION_C),
-            _drift(self._cells, coverage),
-        ]
+
+    @property
+    def is_too_short(self) -> bool:
+        return self.errors.n < ENOUGH_ROWS or self.errors.n * self._period_s < ENOUGH_S
 
 
-def _spread(spread: float, n: int, coverage: float) -> Figure:
-    if spread < FLOOR_C:
+def _not_idle(port: Basis) -> Value:
+    return not_known(NOT_IDLE, port.idling.errors.n, port.totals.temperature.coverage)
+
+
+@metric(
+    "idle_error_c",
+    "°C",
+    "Mean of temperature minus setting of the idle readings, which the verdict defines.",
+)
+def idle_error_c(port: Basis) -> Value:
+    errors = port.idling.errors
+    if port.idling.is_too_short:
+        return _not_idle(port)
+    return Value(errors.mean, errors.n, port.totals.temperature.coverage, RESOLUTION_C)
+
+
+@metric(
+    "idle_sd_c",
+    "°C",
+    "Standard deviation of temperature minus setting of the idle readings; none below the"
+    " resolution divided by √12.",
+)
+def idle_sd_c(port: Basis) -> Value:
+    errors, coverage = port.idling.errors, port.totals.temperature.coverage
+    if port.idling.is_too_short:
+        return _not_idle(port)
+    if errors.sd < FLOOR_C:
         why = (
             "The readings come in whole degrees: a spread below"
             f" {FLOOR_C:.2f} °C cannot be told from none."
         )
-        return no_figure("idle_sd_c", "°C", why, n, coverage)
-    return Figure("idle_sd_c", spread, "°C", n, coverage, RESOLUTION_C)
+        return not_known(why, errors.n, coverage)
+    return Value(errors.sd, errors.n, coverage, RESOLUTION_C)
 
 
-def _drift(cells: Sequence[_Cells], coverage: float) -> Figure:
-    at, means = _means(cells)
+@metric(
+    "idle_range_c",
+    "°C",
+    "Highest minus lowest of temperature minus setting of the idle readings.",
+)
+def idle_range_c(port: Basis) -> Value:
+    errors = port.idling.errors
+    if port.idling.is_too_short:
+        return _not_idle(port)
+    return Value(errors.range, errors.n, port.totals.temperature.coverage, RESOLUTION_C)
+
+
+@metric(
+    "drift_c_per_h",
+    "°C/h",
+    f"Theil-Sen slope of the idle error's means over {MEAN_S:g} s each; {LEAST_MEANS} means"
+    f" over {LEAST_DRIFT_S:g} s at least.",
+)
+def drift_c_per_h(port: Basis) -> Value:
+    coverage = port.totals.temperature.coverage
+    if port.idling.is_too_short:
+        return _not_idle(port)
+    at, means = _means(port.idling.cells)
     if len(means) < LEAST_MEANS or at[-1] - at[0] < LEAST_DRIFT_S:
         why = (
             f"A drift takes {LEAST_MEANS} means of {MEAN_S:g} s over {LEAST_DRIFT_S:g} s or more;"
             f" there are {len(means)}."
         )
-        return no_figure("drift_c_per_h", "°C/h", why, len(means), coverage)
+        return not_known(why, len(means), coverage)
     every = max(len(means) // MOST_MEANS, 1)
     slope = _theil_sen(at[::every], means[::every]) * 3600.0
-    return Figure(
-        "drift_c_per_h",
-        slope,
-        "°C/h",
-        len(means),
-        coverage,
-        FLOOR_C * 3600.0 / float(at[-1] - at[0]),
-    )
+    return Value(slope, len(means), coverage, FLOOR_C * 3600.0 / float(at[-1] - at[0]))
 
 
 def _theil_sen(x: Floats, y: Floats) -> float:

@@ -4,11 +4,11 @@ has none.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from jbclog.analysis.joints.figure import Figure, no_figure
+from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.recovery import Joint
@@ -16,16 +16,25 @@ from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.solder_wire import Wire, wire_figures
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.joints.windows import TakesRows, View, Windows, whole
-from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.metrics.energy import energy, totals_of
+from jbclog.analysis.metrics import energy, feeder, heating, idling, joint_figures
+from jbclog.analysis.metrics.energy import totals_of
 from jbclog.analysis.metrics.heating import Heating
 from jbclog.analysis.metrics.idling import Idling
-from jbclog.analysis.metrics.joint_figures import joint_figures, why_number_not_known
+from jbclog.analysis.metrics.joint_figures import why_number_not_known
+from jbclog.analysis.metrics.metric import REGISTERED, Basis, Metric, not_known
+
+MODULES: Final = (heating, idling, joint_figures, energy, feeder)
+METRICS: Final[Mapping[str, Metric]] = {
+    metric.name: metric
+    for module in MODULES
+    for metric in REGISTERED
+    if metric.measure.__module__ == module.__name__
+}
+"""Every metric by its name, in the order of the report."""
 
 NOT_OF: Final = {
     "omega": "An OMEGA tells neither temperature nor power, only its states.",
     "air": "Hot air: what it heats shows neither in its own temperature nor in its power.",
-    "tip": "The tool has no feeder.",
 }
 """Kind of tool -> why it does not have the metrics of other tools."""
 
@@ -53,11 +62,9 @@ class PortFigures:
         its rows are not used.
         """
         self.like = like
-        self._totals, self._heating, self._idling = (
-            totals_of(like),
-            Heating(like.period_s, like.ordered_s),
-            Idling(like.period_s),
-        )
+        self._totals = totals_of(like)
+        self._heating = Heating(like.ordered_s)
+        self._idling = Idling(like.period_s)
 
     def take(self, view: View) -> None:
         """Add the next window; each row is in exactly one."""
@@ -68,17 +75,23 @@ class PortFigures:
 
     def measured(self, kind: str, found: FoundJoints | None, wire: Sequence[Figure]) -> Measured:
         """Return every metric, once all rows are added."""
-        totals = self._totals
-        joints = None if found is None else found.joints
-        number_why = None if found is None else why_number_not_known(totals, found)
-        figures = [
-            *self._heating.figures(),
-            *self._idling.figures(totals.temperature.coverage),
-            *energy(totals, joints, number_why),
-        ]
-        if found is not None:
-            figures += [*joint_figures(totals, found), *wire]
-        return Measured(_in_order(figures, kind), found, number_why)
+        self._idling.end()
+        why = None if found is None else why_number_not_known(self._totals, found)
+        port = Basis(
+            self._totals,
+            self._heating.heat_ups,
+            self._idling,
+            found,
+            why,
+            {figure.name: figure for figure in wire},
+        )
+        figures = []
+        for metric in METRICS.values():
+            if found is None and "air" not in metric.of:
+                figures.append(metric.named(not_known(NOT_OF[kind])))
+            else:
+                figures.append(metric.figure(port))
+        return Measured(figures, found, why)
 
 
 def measure_port(
@@ -99,7 +112,8 @@ def measure_port(
 
 def nothing_measured() -> Measured:
     """Return the metrics of a tool that reports neither temperature nor power; none has a value."""
-    return Measured([no_figure(one.name, one.unit, NOT_OF["omega"]) for one in DEFINITIONS])
+    reason = not_known(NOT_OF["omega"])
+    return Measured([metric.named(reason) for metric in METRICS.values()])
 
 
 class PortMeasuring:
@@ -120,10 +134,3 @@ class PortMeasuring:
         found = None if self._joints is None else self._joints.found
         wire = [] if found is None else wire_figures(self._figures.like, None, found.joints)
         return self._figures.measured(self._kind, found, wire)
-
-
-def _in_order(figures: list[Figure], kind: str) -> list[Figure]:
-    by_name = {figure.name: figure for figure in figures}
-    return [
-        by_name.get(one.name) or no_figure(one.name, one.unit, NOT_OF[kind]) for one in DEFINITIONS
-    ]

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import exp, log, sqrt
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from jbclog.analysis.spc import special
 from jbclog.analysis.spc.charts import Chart
 from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats
 from jbclog.analysis.spc.nelson import BEYOND_3, TESTS, signals
+from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
 CLEARLY: Final = 10.0  # difference of BIC: "very strong" (Kass and Raftery 1995)
@@ -37,10 +38,30 @@ LEAST_FOR_PERCENTILES = 741  # values of which one beyond 0.135 % is expected
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why there is no result: `kind` for programs, `text` for people."""
+    """Why there is no result: `kind` for programs, `text` for people.
+
+    Whoever unpacks it, or uses it as the result, gets a `UsageError` with this text.
+    """
 
     kind: str
     text: str
+
+    if not TYPE_CHECKING:  # for a type checker it has nothing of a result
+
+        def __iter__(self):
+            raise UsageError(self.text)
+
+        def __getitem__(self, place):
+            raise UsageError(self.text)
+
+        def __getattr__(self, name):
+            if name.startswith("_") or name in Refused.__slots__:
+                raise AttributeError(name)
+            raise NoResult(self.text)
+
+
+class NoResult(UsageError, AttributeError):
+    """A refusal was used as a result; also an `AttributeError`, so that `hasattr` works."""
 
 
 Check = Callable[[], Refused | None]

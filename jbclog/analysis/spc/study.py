@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,17 +35,42 @@ from jbclog.analysis.spc.refusal import (
 )
 from jbclog.core.errors import UsageError
 
+FEATURE: Final = ("station", "port", "metric")
+OF_METRICS: Final = (*FEATURE, "value", "resolution")
+MOST_NAMED: Final = 6
+
+
+@runtime_checkable
+class Metrics(Protocol):
+    """Rows of `Runs.metrics`, a DataFrame: columns by their names."""
+
+    @property
+    def columns(self) -> Any:
+        """The names."""
+
+    def __getitem__(self, name: str) -> Any:
+        """Return a column."""
+
 
 def control_chart(
-    values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
+    values: ArrayLike | Metrics,
+    *,
+    resolution: float | None = None,
+    tests: tuple[int, ...] = DEFAULT_TESTS,
 ) -> tuple[Chart, Chart] | Refused:
     """Return the individuals and moving range charts of a feature, or the reason for a refusal.
 
-    `values` are in measured order; NaN (not known) is left out. `resolution` is the smallest step
-    of the values, in their unit. The limits are those of the distribution that fits, or of a normal
-    one if none does: an unstable process fits none, and the chart shows it. Raises `UsageError` if
-    a value is infinite.
+    - `values`: in measured order, NaN (not known) is left out; or rows of `Runs.metrics` of one
+      metric of one port, whose resolutions then count
+    - `resolution`: the smallest step of the values, in their unit. Without it, of values alone,
+      nothing shows that their spread is only that of their steps
+
+    The limits are those of the distribution that fits, or of a normal one if none does: an unstable
+    process fits none, and the chart shows it. Raises `UsageError` if a value is infinite, or for
+    rows of several metrics or ports.
     """
+    if isinstance(values, Metrics):
+        values, resolution = _of_metrics(values, resolution)
     points = _known_values(values)
     refused = _few_or_coarse(points, LEAST_POINTS, resolution)
     if refused is not None:
@@ -163,6 +189,33 @@ class ProbabilityPlot:
     line: Floats | None
     distribution: str | None
     chance: float | None
+
+
+def _of_metrics(metrics: Metrics, resolution: float | None) -> tuple[Floats, float | None]:
+    """Return the values of a table of metrics, and the given resolution or the median of theirs."""
+    lacking = [name for name in OF_METRICS if name not in metrics.columns]
+    if lacking:
+        raise UsageError(
+            f"a table of metrics has the columns {', '.join(OF_METRICS)}; this one lacks"
+            f" {', '.join(lacking)}"
+        )
+    features = dict.fromkeys(zip(*(metrics[name] for name in FEATURE), strict=True))
+    names = [f"{name} of {station} port {port}" for station, port, name in features]
+    if len(names) > 1:
+        more = ", …" if len(names) > MOST_NAMED else ""
+        raise UsageError(
+            "a chart is of one metric of one port; these rows have"
+            f" {', '.join(names[:MOST_NAMED])}{more}"
+        )
+    values = np.asarray(metrics["value"], dtype=np.float64)
+    steps = np.asarray(metrics["resolution"], dtype=np.float64)
+    is_known = ~np.isnan(values) & ~np.isnan(steps)
+    return values, resolution or median_step(steps[is_known].tolist())
+
+
+def median_step(steps: Sequence[float]) -> float | None:
+    """Return the resolution of values with these resolutions; None if there are none."""
+    return float(np.median(steps)) if steps else None
 
 
 def _few_or_coarse(points: Floats, least: int, resolution: float | None) -> Refused | None:

@@ -42,7 +42,7 @@ class Feeds:
     - `at_edges`: how many of `found` may lie outside, because they are close to one of these
       readings
     - `beyond`: how many more may lie inside: found closely outside, or begun where the rows end
-    - `lost_s`: duration of gaps, in which no joint can be found
+    - `lost_s`: time of the readings missing in gaps, in which no joint can be found
     - `counted`: None if the counter does not show it, for the reason in `why`
     """
 
@@ -77,8 +77,8 @@ def joints_not_known(why: str, *, are_some: bool) -> str:
 
 
 def not_read(seconds: float) -> str:
-    """Return the sentence that there may be joints in gaps."""
-    return f"Joints in gaps ({seconds:.1f} s) are not known."
+    """Return the sentence that there may be joints in so much work of which nothing was read."""
+    return f"Joints in {seconds:.1f} s of work that was not read are not known."
 
 
 Joints = Mapping[tuple[str, int], PortJoints]

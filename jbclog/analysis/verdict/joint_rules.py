@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from jbclog.analysis.port_data import has_tip
 from jbclog.analysis.verdict.acceptance import is_bare
 from jbclog.analysis.verdict.evidence import (
     Evidence,
@@ -32,8 +33,8 @@ from jbclog.analysis.verdict.evidence import (
     not_read,
 )
 from jbclog.analysis.verdict.quantiles import SHARE, censored_quantile, upper_p95
-from jbclog.analysis.verdict.rule import Result, Rule
-from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
+from jbclog.analysis.verdict.rule import Asked, Judged, Result, Rule
+from jbclog.analysis.verdict.rules import has_feeder
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import count_text
 
@@ -75,30 +76,32 @@ def recovery_rule(
     facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False
 ) -> Rule:
     """Return the rule on the 95 % quantile of recovery."""
+    asked = Asked(RECOVERY, facts.name, port, most_s, "s")
     if not has_tip(facts):
-        return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
+        return asked.not_applicable("joints")
+    return asked.rule(_judge_recovery(most_s, seen, bare=bare))
+
+
+def _judge_recovery(most_s: float, seen: PortJoints, *, bare: bool) -> Judged:
     known = [one for one in seen.recoveries if one is not None]
     decided = [one for one in known if one.back is not None]
     if not decided or seen.why is not None:
         text = _unknown(seen) or _none_known(seen)
-        return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
+        return Judged(None, Result.MISSING, text)
     value = censored_quantile([(one.seconds, bool(one.back)) for one in known], SHARE)
     if value is not None:
-        return _bounded_recovery(facts, port, most_s, round(value, 6), seen, bare)
+        return _judge_quantile(most_s, round(value, 6), seen, bare=bare)
     late = sum(one.back is False for one in decided)
     longer = sum(one.seconds > most_s for one in decided)
     text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
     if longer > (1 - SHARE) * len(decided):
-        result, text = Result.FAIL, f"{text} {longer} took longer than the {most_s:g} s allowed."
-    else:
-        result, text = Result.MISSING, f"{text} Their recovery is not known."
-    return Rule(RECOVERY, facts.name, port, most_s, None, "s", result, text)
+        text = f"{text} {longer} took longer than the {most_s:g} s allowed."
+        return Judged(None, Result.FAIL, text)
+    return Judged(None, Result.MISSING, f"{text} Their recovery is not known.")
 
 
-def _bounded_recovery(
-    facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool
-) -> Rule:
-    """Return the rule with the bound of its quantile."""
+def _judge_quantile(most_s: float, value: float, seen: PortJoints, *, bare: bool) -> Judged:
+    """Judge the 95 % quantile with its bound."""
     counted = [one for one in seen.recoveries if one is None or one.back is not None]
     times = [one.seconds if one is not None and one.back else None for one in counted]
     bound = upper_p95(times)
@@ -108,84 +111,84 @@ def _bounded_recovery(
         f"95 % of {count_text(len(counted), 'joint')} recovered within {value:.2f} s, allowed"
         f" {most_s:g} s."
     )
+    known = None if isinstance(bound, str) else bound
     if value > most_s:
-        result = Result.FAIL
-    elif bare:
-        result = Result.PASS
-    elif isinstance(bound, str):
-        result, text = Result.MISSING, f"{text} {bound}"
-        text = f"{text} {not_read(seen.unseen_s)}" if seen.hidden else text
-    elif bound.keeps(most_s):
-        result = Result.PASS
-    else:
-        result = Result.MISSING
-        text = f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
-    return Rule(
-        RECOVERY,
-        facts.name,
-        port,
-        most_s,
-        value,
-        "s",
-        result,
-        text,
-        None if isinstance(bound, str) else bound,
-    )
+        return Judged(value, Result.FAIL, text, known)
+    if bare:
+        return Judged(value, Result.PASS, text, known)
+    if isinstance(bound, str):
+        text = f"{text} {bound}"
+        if seen.hidden:
+            text = f"{text} {not_read(seen.unseen_s)}"
+        return Judged(value, Result.MISSING, text)
+    if bound.keeps(most_s):
+        return Judged(value, Result.PASS, text, bound)
+    text = f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
+    return Judged(value, Result.MISSING, text, bound)
 
 
 def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoints) -> Rule:
     """Return the rule on the share of joints that recovered before the next."""
+    asked = Asked(RECOVERED, facts.name, port, least, "%")
     if not has_tip(facts):
-        return not_applicable(RECOVERED, facts.name, port, least, "%", "joints")
+        return asked.not_applicable("joints")
+    return asked.rule(_judge_recovered(least, seen))
+
+
+def _judge_recovered(least: float, seen: PortJoints) -> Judged:
     back = sum(one is not None and one.back is True for one in seen.recoveries)
     late = sum(one is not None and one.back is False for one in seen.recoveries)
     joints = len(seen.recoveries) + seen.hidden
     undecided = joints - back - late
     if seen.why is not None or not back + late:
         text = _unknown(seen) or _none_known(seen)
-        return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
+        return Judged(None, Result.MISSING, text)
     percent = 100 * back / (back + late)
     text = (
         f"Recovered before the next joint: {back} of {count_text(back + late, 'joint')},"
         f" required {least:g} %."
     )
     if 100 * (back + undecided) / joints < least:
-        result = Result.FAIL
-    elif 100 * back / joints >= least or not undecided:
-        result = Result.PASS
-    else:
-        result, cut = Result.MISSING, undecided - seen.hidden
-        if cut:
-            text = f"{text} {cut} more {'were' if cut != 1 else 'was'} cut off and may change that."
-        if seen.hidden:
-            text = f"{text} {not_read(seen.unseen_s)}"
-    return Rule(RECOVERED, facts.name, port, least, percent, "%", result, text)
+        return Judged(percent, Result.FAIL, text)
+    if 100 * back / joints >= least or not undecided:
+        return Judged(percent, Result.PASS, text)
+    cut = undecided - seen.hidden
+    if cut:
+        text = f"{text} {cut} more {'were' if cut != 1 else 'was'} cut off and may change that."
+    if seen.hidden:
+        text = f"{text} {not_read(seen.unseen_s)}"
+    return Judged(percent, Result.MISSING, text)
 
 
 def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) -> Rule:
     """Return the rule that compares joints with the feeder's counter."""
+    asked = Asked(AGAINST_COUNTER, facts.name, port, most, "%")
     if not has_feeder(facts):
-        return not_applicable(AGAINST_COUNTER, facts.name, port, most, "%", "dispensing cycles")
+        return asked.not_applicable("dispensing cycles")
+    return asked.rule(_judge_counter(most, seen))
+
+
+def _judge_counter(most: float, seen: PortJoints) -> Judged:
     feeds = seen.feeds
     if seen.why is not None or feeds is None or not feeds.counted:
-        text = _unknown(seen) or (
-            "The feeder's counter was not read."
-            if feeds is None
-            else feeds.why or "Nothing was fed."
-        )
-        return Rule(AGAINST_COUNTER, facts.name, port, most, None, "%", Result.MISSING, text)
+        return Judged(None, Result.MISSING, _unknown(seen) or _nothing_counted(feeds))
     percent = 100 * (feeds.found - feeds.counted) / feeds.counted
     text = (
         f"{feeds.found} joints found, {feeds.counted} feeds counted: {percent:+.2f} %, allowed"
         f" ±{most:g} %."
     )
     if abs(percent) <= most:
-        result = Result.PASS
-    elif excuse := _excuse(feeds, most):
-        result, text = Result.MISSING, f"{text} {excuse}"
-    else:
-        result = Result.FAIL
-    return Rule(AGAINST_COUNTER, facts.name, port, most, percent, "%", result, text)
+        return Judged(percent, Result.PASS, text)
+    excuse = _excuse(feeds, most)
+    if excuse:
+        return Judged(percent, Result.MISSING, f"{text} {excuse}")
+    return Judged(percent, Result.FAIL, text)
+
+
+def _nothing_counted(feeds: Feeds | None) -> str:
+    if feeds is None:
+        return "The feeder's counter was not read."
+    return feeds.why or "Nothing was fed."
 
 
 def _excuse(feeds: Feeds, most: float) -> str | None:

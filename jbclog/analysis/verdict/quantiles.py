@@ -21,7 +21,7 @@ improve the bound.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, lgamma, log, sqrt
+from math import sqrt
 from statistics import NormalDist
 from typing import Final
 
@@ -29,25 +29,27 @@ import numpy as np
 
 from jbclog.analysis.verdict.bounds import Bound, Floats
 
-SHARE, SURE = 0.95, 0.95
+SHARE: Final = 0.95
+SURE: Final = 0.95
 LEAST: Final = 59
 CHANCE: Final = NormalDist().inv_cdf(0.95)
+
+# scipy is loaded where it is needed: most runs have no joints
 
 
 def censored_quantile(times: Sequence[tuple[float | None, bool]], share: float) -> float | None:
     """Return the quantile of times, each with whether it ended then (or is longer); None if less
     than `share` ended.
     """
-    known = np.array([(time, ended) for time, ended in times if time is not None]).reshape(-1, 2)
-    distinct, place, counts = np.unique(known[:, 0], return_inverse=True, return_counts=True)
-    ended = np.bincount(place, known[:, 1], minlength=len(distinct))
-    left, surviving = len(known), 1.0
-    for time, count, ends in zip(distinct.tolist(), counts.tolist(), ended.tolist(), strict=True):
-        surviving *= 1 - ends / left
-        left -= count
-        if surviving <= 1 - share + 1e-12:
-            return float(time)
-    return None
+    from scipy.stats import CensoredData, ecdf
+
+    ended = [time for time, has_ended in times if time is not None and has_ended]
+    longer = [time for time, has_ended in times if time is not None and not has_ended]
+    if not ended:
+        return None
+    ended_by = ecdf(CensoredData(uncensored=ended, right=longer)).cdf
+    reached = np.flatnonzero(ended_by.probabilities >= share - 1e-12)
+    return float(ended_by.quantiles[reached[0]]) if len(reached) else None
 
 
 def upper_p95(values: Sequence[float | None]) -> Bound | str:
@@ -72,15 +74,13 @@ def upper_p95(values: Sequence[float | None]) -> Bound | str:
 
 def most_above(n: float) -> int:
     """Return how many of n values may lie above the bound; -1 if n is too small for one."""
-    total, above = 0.0, -1
-    while total <= 1 - SURE and above < n:
+    from scipy.special import betainc
+
+    above = 0
+    # the cumulative binomial distribution of `above`, also for an n between two numbers
+    while above < n and betainc(n - above, above + 1, SHARE) <= 1 - SURE:
         above += 1
-        total += exp(_log_binomial(n, above) + above * log(1 - SHARE) + (n - above) * log(SHARE))
     return above - 1
-
-
-def _log_binomial(n: float, k: int) -> float:
-    return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)
 
 
 def effective_size(values: Floats) -> float:

@@ -20,9 +20,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.clock_steps import nominal_period
-from jbclog.analysis.verdict.idle import Block, Flags, Floats, setting_in_force
-from jbclog.analysis.verdict.rule import Figure, Result, Rule, allowed_misses, floored, shown
+from jbclog.analysis.clock_steps import nominal_period
+from jbclog.analysis.port_data import Flags, Floats, setting_in_force
+from jbclog.analysis.verdict.idle import Block
+from jbclog.analysis.verdict.rule import Judged, Result, allowed_misses, floored, shown
 
 RULE: Final = "reached"
 WITHIN_C, AT_WORK_PERCENT = 10.0, 80.0
@@ -223,21 +224,10 @@ class Limit:
     is_ordered: bool
 
 
-def reached_rule(
-    station: str, port: int, limit: Limit, targets: Targets, heat: Heat | None
-) -> Rule:
-    """Return the rule of one port."""
-    observed, result, text = _judged(limit, targets, heat)
-    return Rule(RULE, station, port, limit.percent, observed, "%", result, text)
-
-
-Judged = tuple[Figure | None, Result, str]
-"""Observed figure, result and sentence of the rule."""
-
-
-def _judged(limit: Limit, targets: Targets, heat: Heat | None) -> Judged:
+def judge_heat(limit: Limit, targets: Targets, heat: Heat | None) -> Judged:
+    """Judge the heat of one port."""
     if heat is None or not heat.known:
-        return None, Result.MISSING, "The tool's status was never read."
+        return Judged(None, Result.MISSING, "The tool's status was never read.")
     if heat.arrived_s is None:
         return _not_arrived(limit, targets, heat)
     for stretch in heat.stretches:
@@ -250,7 +240,7 @@ def _judged(limit: Limit, targets: Targets, heat: Heat | None) -> Judged:
                 f"Tool or setpoint changed; in {stretch.at_work_s:.0f} s at work since then, the"
                 f" tool {_nearest(limit, stretch)}"
             )
-            return "not reached", Result.FAIL, text
+            return Judged("not reached", Result.FAIL, text)
     return _share(limit, heat)
 
 
@@ -258,7 +248,8 @@ def _not_arrived(limit: Limit, targets: Targets, heat: Heat) -> Judged:
     warmest = "" if heat.greatest_c is None else f"; maximum {heat.greatest_c:.0f} °C"
     if not heat.stretches and not limit.is_ordered:
         if limit.percent == 0:
-            return None, Result.NOT_APPLICABLE, f"Never at work, as the recipe allows{warmest}."
+            text = f"Never at work, as the recipe allows{warmest}."
+            return Judged(None, Result.NOT_APPLICABLE, text)
         ordered = (
             "has no [run] status" if targets.status is None else f'has status = "{targets.status}"'
         )
@@ -266,21 +257,21 @@ def _not_arrived(limit: Limit, targets: Targets, heat: Heat) -> Judged:
             f"The recipe sets a temperature but {ordered}: the tool was not ordered to work and was"
             f" not at work{warmest}."
         )
-        return "not at work", Result.MISSING, text
+        return Judged("not at work", Result.MISSING, text)
     if not heat.stretches:
         if heat.known_s < ENOUGH_S:
             text = f"Ordered to work, but read for only {heat.known_s:.1f} s{warmest}."
-            return "not at work", Result.MISSING, text
+            return Judged("not at work", Result.MISSING, text)
         text = f"Ordered to work, but never at work with a known temperature{warmest}."
-        return "not at work", Result.FAIL, text
+        return Judged("not at work", Result.FAIL, text)
     text = f"In {heat.at_work_s:.1f} s at work, the tool {_nearest(limit, heat.stretches[-1])}"
     if heat.is_on_its_way:
         text += " It was still approaching when its record ended."
-        return "not reached", Result.MISSING, text
+        return Judged("not reached", Result.MISSING, text)
     if (heat.known_s if limit.is_ordered else heat.at_work_s) < ENOUGH_S:
         text += f" That is too short; {ENOUGH_S:g} s are needed."
-        return "not reached", Result.MISSING, text
-    return "not reached", Result.FAIL, text
+        return Judged("not reached", Result.MISSING, text)
+    return Judged("not reached", Result.FAIL, text)
 
 
 def _nearest(limit: Limit, stretch: Stretch) -> str:
@@ -304,13 +295,12 @@ def _share(limit: Limit, heat: Heat) -> Judged:
     )
     allowed = allowed_misses(due, limit.percent)
     if due - heat.working_since <= allowed:
-        return percent, Result.PASS, text
+        return Judged(percent, Result.PASS, text)
     if away <= allowed:
-        return (
-            percent,
-            Result.MISSING,
-            f"{text} Not known for {shown(floored(100 * (due - heat.known_since) / due))} % of it.",
-        )
+        unknown = shown(floored(100 * (due - heat.known_since) / due))
+        text = f"{text} Not known for {unknown} % of it."
+        return Judged(percent, Result.MISSING, text)
     if not limit.is_ordered:
-        return percent, Result.MISSING, f"{text} The recipe did not order it to work."
-    return percent, Result.FAIL, text
+        text = f"{text} The recipe did not order it to work."
+        return Judged(percent, Result.MISSING, text)
+    return Judged(percent, Result.FAIL, text)

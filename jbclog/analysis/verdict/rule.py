@@ -25,8 +25,8 @@ Figure = float | int | str
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule. `limit` and `observed` are numbers in `unit`, or words; None: not known. `text` is a
-    sentence for people.
+    """A rule. `limit_value` and `observed` are numbers in `uom`, or words; None: not known. `text`
+    is a sentence for people.
 
     An estimated figure has a `bound`, which must keep the limit too; a figure counted in full has
     none.
@@ -35,9 +35,9 @@ class Rule:
     name: str
     station: str | None
     port: int | None
-    limit: Figure | None
+    limit_value: Figure | None
     observed: Figure | None
-    unit: str
+    uom: str
     result: Result
     text: str
     bound: Bound | None = None
@@ -45,6 +45,46 @@ class Rule:
     def as_dict(self) -> dict[str, object]:
         """Return the rule as in `manifest.verdict_rules` and `report.json`."""
         return {**asdict(self), "result": self.result.value}
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What a rule comes to, by the facts: figure, result and sentence, and the figure's bound."""
+
+    observed: Figure | None
+    result: Result
+    text: str
+    bound: Bound | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a rule asks: its name, whose it is, and the limit in `uom`."""
+
+    name: str
+    station: str
+    port: int | None
+    limit: Figure
+    uom: str
+
+    def rule(self, judged: Judged) -> Rule:
+        """Return the rule with what it came to."""
+        return Rule(
+            self.name,
+            self.station,
+            self.port,
+            self.limit,
+            judged.observed,
+            self.uom,
+            judged.result,
+            judged.text,
+            judged.bound,
+        )
+
+    def not_applicable(self, what: str) -> Rule:
+        """Return the rule on a signal that the station does not report."""
+        text = f"The station does not report {what}; the limit does not apply."
+        return self.rule(Judged(None, Result.NOT_APPLICABLE, text))
 
 
 RESOLVES: Final = 20

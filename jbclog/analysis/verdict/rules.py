@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from time import gmtime, strftime
 from typing import TYPE_CHECKING, Final
 
+from jbclog.analysis.port_data import TEMPERATURE, has_tip
 from jbclog.analysis.verdict.acceptance import (
     BARE,
     ESTIMATED_LIMITS,
@@ -13,8 +14,7 @@ from jbclog.analysis.verdict.acceptance import (
     is_bare,
 )
 from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedger
-from jbclog.analysis.verdict.rule import Result, Rule
-from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
+from jbclog.analysis.verdict.rule import Asked, Judged, Result, Rule
 from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import StationOutcome
@@ -188,34 +188,30 @@ def alarms_rule(
     facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]
 ) -> Rule:
     """Return the rule on the number of alarms; missing evidence if the flags were never read."""
+    asked = Asked("alarms", facts.name, None, most, "")
     if not reports(facts, "alarm_high"):
-        return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
+        return asked.not_applicable("alarm flags")
+    return asked.rule(_judge_alarms(facts, most, evidence, events))
+
+
+def _judge_alarms(
+    facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]
+) -> Judged:
     count = sum(event.kind in COUNTED_ALARMS and event.severity in SEVERE for event in events)
     if count > most:
         text = f"{count_text(count, 'alarm')} counted; {most} allowed."
-        return Rule("alarms", facts.name, None, most, count, "", Result.FAIL, text)
+        return Judged(count, Result.FAIL, text)
     unread = [
         port
         for port in used_ports(facts, evidence)
         if not evidence.port_ledger(facts.name, port).get("alarm_high", {}).get("ok")
     ]
-    if unread or not facts.ports:
-        text = (
-            f"The alarm flags of port {', '.join(map(str, unread))} were never read."
-            if unread
-            else "No port was read."
-        )
-        return Rule("alarms", facts.name, None, most, None, "", Result.MISSING, text)
-    return Rule(
-        "alarms",
-        facts.name,
-        None,
-        most,
-        count,
-        "",
-        Result.PASS,
-        f"{count} counted; {most} allowed.",
-    )
+    if unread:
+        ports = ", ".join(map(str, unread))
+        return Judged(None, Result.MISSING, f"The alarm flags of port {ports} were never read.")
+    if not facts.ports:
+        return Judged(None, Result.MISSING, "No port was read.")
+    return Judged(count, Result.PASS, f"{count} counted; {most} allowed.")
 
 
 def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
@@ -250,22 +246,9 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
     return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
 
 
-def has_tip(facts: StationFacts) -> bool:
-    """Whether joints show in its signals: hot air and OMEGA have no tip."""
-    return facts.family not in WITHOUT_TIP
-
-
 def has_feeder(facts: StationFacts) -> bool:
     """Whether the station counts dispensing cycles."""
     return facts.family in WITH_FEEDER
-
-
-def not_applicable(
-    name: str, station: str, port: int | None, limit: float, unit: str, what: str
-) -> Rule:
-    """Return a rule on a signal that the station does not report."""
-    text = f"The station does not report {what}; the limit does not apply."
-    return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
 
 
 def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool:

@@ -1,17 +1,15 @@
-"""Measures each port of a run in one pass over its sealed samples.
+"""Measures each port of a run from its samples.
 
 Definitions. *Due*: the ticks at which the port's tip temperature was to be read, with those that a
 stopped host skipped (`ledger` in the manifest). *Coverage*: readings obtained / readings due.
-*Longest gap*: the longest time without a temperature on the monotonic grid, missing ticks × period,
-including start and end of the run; *gap of others*: the same as if the readings that the computer
-skipped had been obtained. With ``--rate max`` there is no grid: then it is the longest time between
-two temperatures by the run's clock (`clock_steps.py`). For a station without
-a temperature, all its signals count (`judged_signals`).
+*Longest gap*: that of the temperature's gaps (`analysis/gaps.py`); *gap of others*: the same as if
+the readings that the computer skipped had been obtained. For a station without a temperature, all
+its signals count (`judged_signals`): a row with one of them is a reading.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,43 +17,45 @@ from types import MappingProxyType
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
-from jbclog.analysis.coded_texts import is_one_of
-from jbclog.analysis.port_split import gathered, sorted_by_port
-from jbclog.analysis.verdict.clock_steps import (
+from jbclog.analysis.clock_steps import (
     Step,
     Unstepped,
     nominal_period,
-    steps_in,
     steps_of,
 )
-from jbclog.analysis.verdict.idle import Block, Flags, Floats, IdleError, by_block, idle_readings
+from jbclog.analysis.gaps import (
+    NOTHING,
+    Missing,
+    PortClock,
+    SignalGaps,
+    Why,
+    in_order,
+    why,
+)
+from jbclog.analysis.port_data import TEMPERATURE, WORKING, Counts, Flags, Floats, has_tip
+from jbclog.analysis.verdict.idle import Block, IdleError, by_block, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
-from jbclog.core.rows import StationFacts
-from jbclog.record.clock_steps import COLUMNS as COLUMNS_OF_STEPS
-from jbclog.record.part_file import open_part
+from jbclog.core.rows import PortKey, StationFacts
+from jbclog.record.samples_by_port import SamplesByPort, samples_by_port
 
-TEMPERATURE = "temperature_c"
 COLUMNS = [
     "time",
     "tick",
     "station",
     "port",
     "quality",
+    "reasons",
     "temperature_c",
     "power_permille",
     "status",
     "cooling",
-    "set_c",
+    "setpoint_c",
     "tool",
     "port_error",
 ]
-Counts = NDArray[np.int64]
-WORKING = ("working", "on")
 SKIPPED = "skipped"
-WITHOUT_TIP = ("jtse", "omega")  # families
-BATCH_ROWS = 16_384
+NONE_CLOSER: Mapping[str, float] = MappingProxyType({})
 
 
 def judged_signals(facts: StationFacts) -> list[str]:
@@ -64,104 +64,99 @@ def judged_signals(facts: StationFacts) -> list[str]:
 
 
 @dataclass(slots=True)
-class Gap:
-    """Longest time between two readings, minus the period; `widest_s` is None before the first
-    reading.
-
-    `start_s`: from when the time counts, known with the first row.
-    """
-
-    period_s: float
-    start_s: float | None = None
-    last_s: float | None = None
-    widest_s: float | None = None
-
-    def take(self, seconds: Floats) -> None:
-        """Add the times of the next readings, oldest first."""
-        if not len(seconds):
-            return
-        before = self.last_s if self.last_s is not None else self.start_s
-        steps = (
-            np.diff(np.append(seconds[0] if before is None else before, seconds)) - self.period_s
-        )
-        self.widest_s = round(max(self.widest_s or 0.0, float(steps.max())), 6)
-        self.last_s = float(seconds[-1])
-
-    def end(self, end_s: float) -> None:
-        """Add the last time at which a reading was due."""
-        if self.last_s is not None:
-            self.take(np.array([end_s + self.period_s]))
-
-
-@dataclass(slots=True)
 class PortMeasure:
-    """The measures of one port. `gap_s` is None before the first reading."""
+    """The measures of one port.
+
+    `gaps`: of the judged signals; `gaps_of_others`: as if what the computer skipped was read.
+    """
 
     period_s: float | None
     heat: Heat = field(default_factory=lambda: Heat(None))
-    start_s: float | None = None
-    end_s: float | None = None
+    clock: PortClock = field(default_factory=lambda: PortClock(0.0), compare=False)
     rows: int = 0
     readings: int = 0  # number of readings of the judged signals
     idle: IdleError = field(default_factory=IdleError)
     host_skips: bool = False  # the computer skipped readings, or may have
     no_rows: bool = False  # ticks without rows are the computer's too
-    _gap: Gap = field(default_factory=lambda: Gap(0.0))
-    _of_others: Gap = field(default_factory=lambda: Gap(0.0))
+    gaps: SignalGaps = field(default_factory=SignalGaps, compare=False)
+    gaps_of_others: SignalGaps = field(default_factory=SignalGaps, compare=False)
     _block: int = 0
     _held: list[Block] = field(default_factory=list)
     unstepped: Unstepped = field(default_factory=lambda: Unstepped([]))
 
     @property
     def gap_s(self) -> float | None:
-        return self._gap.widest_s
+        """Seconds of the longest gap; 0 without one, None before the first reading."""
+        return self.gaps.longest_s if self.readings else None
+
+    @property
+    def lost_s(self) -> float | None:
+        """Time of the most readings missing in one gap: what a gap has beyond the period that is
+        between any two readings. Without a grid `gap_s`. None before the first reading.
+        """
+        return self._lost_s(self.gaps)
+
+    @property
+    def lost_of_others_s(self) -> float | None:
+        """The same of `gaps_of_others`."""
+        return self._lost_s(self.gaps_of_others)
+
+    def _lost_s(self, gaps: SignalGaps) -> float | None:
+        if not self.readings:
+            return None
+        return round(gaps.most_missing * self.period_s, 6) if self.period_s else gaps.longest_s
 
     @property
     def gap_of_others_s(self) -> float | None:
-        return self._of_others.widest_s
+        """The same of `gaps_of_others`."""
+        return self.gaps_of_others.longest_s if self.readings else None
 
-    def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
-        """Add the next rows of this port, oldest first, with their numbers of judged readings."""
+    def feed(self, rows: pa.Table, facts: StationFacts) -> None:
+        """Add the next rows of this port, oldest first."""
+        marks = _marks(rows, facts)
+        block = _block(rows, facts)
+        read = np.zeros(len(rows), dtype=np.int64)
+        for signal in judged_signals(facts):
+            read += _valid(rows, signal)
+        times_us = marks.times_us
+        if self.unstepped.steps:
+            times_us = np.rint(self.unstepped.of(times_us / 1e6) * 1e6).astype(np.int64)
         if self.period_s is None:
-            rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
-        if self.start_s is None:
-            self.start_s = float(rows.seconds[0]) - (self.period_s or 0.0)
-        for gap in (self._gap, self._of_others):
-            gap.period_s, gap.start_s = self.period_s or 0.0, self.start_s
-        self._gap.take(rows.seconds[read > 0])
-        self._of_others.take(
-            self._without_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips))
-        )
-        self.end_s = float(rows.seconds[-1])
-        self.rows += len(rows.seconds)
+            block = replace(block, seconds=times_us / 1e6)
+        self._add_gaps(times_us, read > 0, marks)
+        self.rows += len(rows)
         self.readings += int(read.sum())
-        self.heat.feed(replace(rows, working=marks.at_work), marks.status)
-        self._into_blocks(rows)
+        self.heat.feed(replace(block, working=marks.at_work), marks.status)
+        self._into_blocks(block)
 
-    def _without_host(self, seconds: Floats, is_read: Flags) -> Floats:
-        """Return the times of readings as if the ticks without a row had been read too."""
+    def _add_gaps(self, times_us: Counts, is_read: Flags, marks: Marks) -> None:
+        times_us = self.clock.never_back(times_us)
+        places, without_rows = self.clock.without_rows(times_us, marks.ticks)
+        self.gaps.add(times_us, is_read, marks.missing(times_us, ~is_read, places, without_rows))
+        is_read = is_read | (marks.skipped & self.host_skips)
         if not self.no_rows or not self.period_s:
-            return seconds[is_read]
-        before = self.end_s if self.end_s is not None else (self.start_s or 0.0)
-        missing = np.rint(np.diff(np.append(before, seconds)) / self.period_s).astype(np.int64) - 1
-        places = np.flatnonzero(missing > 0)
-        added = [
-            seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places
-        ]
-        return np.asarray(
-            np.union1d(seconds[is_read], np.concatenate([*added, np.empty(0)])), dtype=np.float64
-        )
+            missing = marks.missing(times_us, ~is_read, places, without_rows)
+            self.gaps_of_others.add(times_us, is_read, missing)
+            return
+        missing = marks.missing(times_us, ~is_read, places[:0], NOTHING)
+        # as if the first and the last tick of each standstill had been read
+        last_us = times_us[places] - round(self.period_s * 1e6)
+        last_us = np.maximum(last_us, without_rows.due_us)
+        added = np.stack([without_rows.due_us, last_us], axis=1).ravel()
+        before = np.repeat(places, 2)
+        times_us = np.insert(times_us, before, added)
+        self.gaps_of_others.add(times_us, np.insert(is_read, before, True), missing)
 
-    def finish(self, last_due_s: float | None) -> None:
+    def finish(self, last_tick: int | None) -> None:
         """End the rows: close the open block, and count the time up to the last due tick."""
         self._close_block()
+        last_due_s = None
+        if last_tick is not None and self.period_s:
+            last_due_s = last_tick * self.period_s
         self.heat.finish(last_due_s)
-        end = max(
-            (moment for moment in (self.end_s, last_due_s) if moment is not None), default=None
-        )
-        if end is not None:
-            self._gap.end(end)
-            self._of_others.end(self.end_s if self.no_rows and self.end_s is not None else end)
+        after = self.clock.after(last_tick)
+        self.gaps.end(after)
+        self.gaps_of_others.end(NOTHING if self.no_rows else after)
 
     def _into_blocks(self, rows: Block) -> None:
         for number, own in by_block(rows.seconds):
@@ -190,49 +185,49 @@ def _joined(blocks: list[Block]) -> Block:
     )
 
 
-Measures = dict[tuple[str, int], PortMeasure]
+Measures = dict[PortKey, PortMeasure]
 Measuring = Callable[[Path, dict[str, StationFacts], Mapping[str, float]], Measures]
 """Measures the ports of stations as `measure` does."""
-Groups = Callable[[str, list[str]], Iterable[pa.Table]]
 
 
 def measure(
-    folder: Path,
-    stations: dict[str, StationFacts],
-    within_c: Mapping[str, float] = MappingProxyType({}),
-    groups: Groups | None = None,
+    folder: Path, stations: dict[str, StationFacts], within_c: Mapping[str, float] = NONE_CLOSER
 ) -> Measures:
     """Return the measures of every port of `stations` that has rows in ``folder/samples``.
 
-    `groups` reads the rows of a run that is not in a folder. `within_c`: how close to their
-    setpoints a station's tools have to come, if not the default.
+    `within_c`: how close to their setpoints a station's tools have to come, if not the default.
+    """
+    samples = samples_by_port(folder, columns_for(stations))
+    return measures_of(samples, stations, steps_of(folder), within_c)
+
+
+def columns_for(stations: Mapping[str, StationFacts]) -> list[str]:
+    """Return the columns of samples that `measures_of` needs."""
+    judged = [name for facts in stations.values() for name in judged_signals(facts)]
+    return list(dict.fromkeys([*COLUMNS, *judged]))
+
+
+def measures_of(
+    samples: SamplesByPort,
+    stations: Mapping[str, StationFacts],
+    steps: Sequence[Step],
+    within_c: Mapping[str, float] = NONE_CLOSER,
+) -> Measures:
+    """Return the measures of every port of `stations` that has rows, as `measure`; `steps` are
+    those that the rows' times follow.
     """
     measures: Measures = {}
-    on_grid = all(facts.period_s for facts in stations.values())
-    steps = [] if on_grid else _steps(folder, groups)
-    signals = {name: judged_signals(facts) for name, facts in stations.items()}
-    columns = [
-        *COLUMNS,
-        *sorted({name for names in signals.values() for name in names} - set(COLUMNS)),
-    ]
-    batches = _batches(folder, columns) if groups is None else _cut(groups("samples", columns))
-    if on_grid:  # else each batch has its own period
-        batches = gathered(batches, sum(len(facts.ports) for facts in stations.values()))
-    for batch in batches:
-        for station, port, rows, read, marks in _ports(batch, stations, signals):
-            if (station, port) not in measures:
-                measures[station, port] = _new(
-                    stations[station], steps, within_c.get(station, WITHIN_C)
-                )
-            measures[station, port].feed(rows, read, marks)
-    for (station, _), port_measure in measures.items():
+    for key in samples.ports:
+        station, _ = key
+        if station not in stations:
+            continue
         facts = stations[station]
-        last = (
-            None
-            if facts.last_tick is None or not facts.period_s
-            else facts.last_tick * facts.period_s
-        )
-        port_measure.finish(last)
+        port = _new(facts, steps, within_c.get(station, WITHIN_C))
+        for rows in samples.rows(key):
+            port.feed(rows, facts)
+        if port.rows:
+            port.finish(facts.last_tick)
+            measures[key] = port
     return measures
 
 
@@ -263,104 +258,82 @@ def _new(facts: StationFacts, steps: Sequence[Step], within_c: float) -> PortMea
     heat = Heat(facts.period_s or None, within_c)
     if not facts.period_s:
         return PortMeasure(None, heat, unstepped=Unstepped(steps))
-    start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
-    skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
-    return PortMeasure(facts.period_s, heat, start, host_skips=skips, no_rows=facts.skipped > 0)
-
-
-def _steps(folder: Path, groups: Groups | None) -> list[Step]:
-    if groups is None:
-        return steps_of(folder)
-    return [step for events in groups("events", COLUMNS_OF_STEPS) for step in steps_in(events)]
-
-
-def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.Table]:
-    return (
-        pa.Table.from_batches([batch])
-        for piece in pieces
-        for batch in piece.to_batches(max_chunksize=BATCH_ROWS)
+    return PortMeasure(
+        facts.period_s,
+        heat,
+        PortClock(facts.period_s * 1e6, facts.first_tick),
+        host_skips=facts.skipped_by_host is None or facts.skipped_by_host > 0,
+        no_rows=facts.skipped > 0,
+        unstepped=Unstepped(steps),
     )
-
-
-def _batches(folder: Path, columns: list[str]) -> Iterator[pa.Table]:
-    for part in sorted((folder / "samples").glob("part-*.parquet")):
-        with open_part(part, coded=["station", "quality", "status"]) as table:
-            for batch in table.batches(BATCH_ROWS, columns):
-                yield pa.Table.from_batches([batch])
-
-
-def _ports(
-    batch: pa.Table, stations: dict[str, StationFacts], signals: dict[str, list[str]]
-) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
-    """Yield the rows of each known station and port in a batch, with the number of judged readings
-    in each row.
-    """
-    found, places = sorted_by_port(batch)
-    columns = _columns(found) if places else None
-    valid = {name: _valid(found, name) for names in signals.values() for name in names}
-    for (station, port), rows in places:
-        if columns is not None and station in stations:
-            read = sum(
-                (valid[name][rows] for name in signals[station]),
-                np.zeros(rows.stop - rows.start, dtype=np.int64),
-            )
-            has_tip = stations[station].family not in WITHOUT_TIP
-            block = columns.block(rows, stations[station].period_s, has_tip=has_tip)
-            yield station, port, block, read, columns.marks(rows, has_tip=has_tip)
 
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """For each row: whether its tick was skipped, its status was read, the tool was at work."""
+    """For each row: its time and tick, why its judged signals were not read if they were not;
+    whether its tick was skipped, its status was read, the tool was at work.
+    """
 
+    times_us: Counts
+    ticks: Counts
+    why: Why
     skipped: Flags
     status: Flags
     at_work: Flags
 
-
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    utc_s: Floats
-    tick: Floats
-    temperature: Floats
-    power: Floats
-    setting: Floats
-    working: NDArray[np.bool_]
-    tool: Floats
-    port_error: Floats
-    skipped: Flags
-    status: Flags
-    cooling: Flags  # a tip is in its extractor
-
-    def marks(self, rows: slice, *, has_tip: bool) -> Marks:
-        in_extractor = self.cooling[rows] & has_tip  # hot air that cools has another status
-        return Marks(self.skipped[rows], self.status[rows], self.working[rows] & ~in_extractor)
-
-    def block(self, rows: slice, period_s: float | None, *, has_tip: bool) -> Block:
-        seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
-        read = (self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
-        return Block(
-            seconds,
-            *read,
-            self.tool[rows],
-            self.port_error[rows] if has_tip else np.full(len(seconds), np.nan),
-        )
+    def missing(
+        self, times_us: Counts, is_missing: Flags, places: Counts, without_rows: Missing
+    ) -> Missing:
+        """Return the readings missing in these rows and before them, in order."""
+        rows = np.flatnonzero(is_missing)
+        return in_order(rows, self.why.missing(times_us, rows), places, without_rows)
 
 
-def _columns(batch: pa.Table) -> _Columns:
-    status = batch.column("status")
-    return _Columns(
-        batch.column("time").cast(pa.int64()).to_numpy().astype(np.float64) / 1e6,
-        _floats(batch, "tick"),
-        _floats(batch, "temperature_c"),
-        _floats(batch, "power_permille"),
-        _floats(batch, "set_c"),
-        is_one_of(status, WORKING),
-        _floats(batch, "tool"),
-        _floats(batch, "port_error"),
-        is_one_of(batch.column("quality"), (SKIPPED,)),
-        pc.is_valid(status).to_numpy(),
-        pc.fill_null(batch.column("cooling"), False).to_numpy(),
+def _marks(rows: pa.Table, facts: StationFacts) -> Marks:
+    is_working = _is_one_of(rows["status"], WORKING)
+    if has_tip(facts):  # hot air that cools has another status
+        is_working = is_working & ~pc.fill_null(rows["cooling"], False).to_numpy()
+    return Marks(
+        rows["time"].cast(pa.int64()).to_numpy(),
+        rows["tick"].to_numpy(),
+        _why(rows, judged_signals(facts)),
+        _is_one_of(rows["quality"], (SKIPPED,)),
+        pc.is_valid(rows["status"]).to_numpy(),
+        is_working,
+    )
+
+
+def _why(rows: pa.Table, signals: Sequence[str]) -> Why:
+    """Return why each row has none of these signals: by its reasons, else by its quality."""
+    named = why(_as_codes(rows["reasons"]), signals)
+    quality = _as_codes(rows["quality"])
+    words = [*named.words, *quality.dictionary.to_pylist()]
+    codes = quality.indices.to_numpy().astype(np.int64) + len(named.words)
+    return Why(np.where(named.codes >= 0, named.codes, codes), words)
+
+
+def _as_codes(texts: pa.ChunkedArray) -> pa.DictionaryArray:
+    return texts.combine_chunks().dictionary_encode()
+
+
+def _is_one_of(texts: pa.ChunkedArray, words: Sequence[str]) -> Flags:
+    return np.asarray(pc.is_in(texts, pa.array(words)).to_numpy(), dtype=np.bool_)
+
+
+def _block(rows: pa.Table, facts: StationFacts) -> Block:
+    if facts.period_s:
+        seconds = rows["tick"].to_numpy() * facts.period_s
+    else:
+        seconds = rows["time"].cast(pa.int64()).to_numpy() / 1e6
+    no_errors = np.full(len(rows), np.nan)
+    return Block(
+        np.asarray(seconds, dtype=np.float64),
+        _floats(rows, "temperature_c"),
+        _floats(rows, "power_permille"),
+        _floats(rows, "setpoint_c"),
+        _is_one_of(rows["status"], WORKING),
+        _floats(rows, "tool"),
+        _floats(rows, "port_error") if has_tip(facts) else no_errors,
     )
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from jbclog.analysis.port_data import TEMPERATURE
 from jbclog.analysis.verdict.acceptance import asks_for_anything
 from jbclog.analysis.verdict.evidence import (
     Event,
@@ -40,7 +41,7 @@ from jbclog.analysis.verdict.rules import (
     unused_ports,
     used_ports,
 )
-from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, Measuring, measure
+from jbclog.analysis.verdict.samples import Measures, Measuring, measure
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import StationOutcome
 

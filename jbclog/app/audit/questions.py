@@ -13,7 +13,6 @@ from typing import Final
 
 from jbclog.app import connection
 from jbclog.core.errors import LinkError, RobotModeOff, StationError, StationSilent
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, text_of
 from jbclog.maintenance.counter_totals.observed import (
     Count,
@@ -24,7 +23,13 @@ from jbclog.maintenance.counter_totals.observed import (
 )
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
-from jbclog.session.manual.contact import PORTS, WHOLE_STATION, Contact, Place, Target, open_contact
+from jbclog.session.manual.contact import (
+    PORTS,
+    Contact,
+    Target,
+    open_contact,
+)
+from jbclog.session.setting_write import WHOLE_STATION, Place
 from jbclog.transport.read_only import OnlyReads
 
 # -- harmless reads --------------------------------------------------------------------------------
@@ -76,12 +81,12 @@ class StationReader:
     over: str = ""
     over_reason: str = ""
 
-    def twice(self, command: Command, place: Place = WHOLE_STATION) -> Steps[Answer]:
+    async def twice(self, command: Command, place: Place = WHOLE_STATION) -> Answer:
         """Read until two values are equal. Never raises for a fault of the station or its cable."""
         given: list[Value] = []
         try:
             while len(given) < MOST_READS and not self._is_over():
-                given.append((yield from self.contact.read(command, place)))
+                given.append(await self.contact.read(command, place))
                 if given[-1] in given[:-1]:
                     return Answer(tuple(given), given[-1])
         except (StationSilent, RobotModeOff, LinkError) as error:
@@ -139,13 +144,13 @@ class _Seen:
         return self.reader.contact.family
 
 
-def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observation]:
+async def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Observation:
     """Read the station; the observation has the reason for each missing value. `utc_of` converts
     monotonic times to UTC.
 
     Raises `StartRefused` if no usable station answers, and `LinkError` if there is no port.
     """
-    contact = yield from open_contact(wanted.target)
+    contact = await open_contact(wanted.target)
     client = contact.client
     if not contact.is_proven:
         unread = wanted.unseen(
@@ -155,7 +160,7 @@ def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observat
     seen = _Seen(
         StationReader(contact, client.now + SPARE_S + QUESTIONS * wanted.target.line.read_s())
     )
-    yield from _everything(seen)
+    await _everything(seen)
     return Observation(
         utc_of(client.heard),
         wanted.audit,
@@ -166,44 +171,40 @@ def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observat
         why=seen.reader.over.removeprefix(f"{wanted.target.name}: "),
         identity=Identity(seen.family.name, contact.model, seen.software),
         counts=tuple(seen.counts),
-        tools={port: seen.family.tool_name(code) for port, code in seen.tools.items()},
+        tool_names={port: seen.family.tool_name(code) for port, code in seen.tools.items()},
         parameters=seen.parameters,
         errors=seen.errors,
     )
 
 
-def _everything(seen: _Seen) -> Steps[None]:
+async def _everything(seen: _Seen) -> None:
     software = seen.family.commands.get("software_version")
     if software is not None:
-        version = (yield from seen.reader.twice(software)).value
+        version = (await seen.reader.twice(software)).value
         seen.software = None if version is None else str(version)
-    yield from _find_ports(seen)
-    yield from _count(seen)
-    yield from _find_errors(seen)
-    yield from _find_parameters(seen)
+    await _find_ports(seen)
+    await _count(seen)
+    await _find_errors(seen)
+    await _find_parameters(seen)
 
 
-def _find_ports(seen: _Seen) -> Steps[None]:
+async def _find_ports(seen: _Seen) -> None:
     """Find the ports and their tools: those of the line file or family, else those answering
     R-CT.
     """
     known, command = seen.reader.contact.ports, seen.family.command_of("tool")
     for port in known or PORTS:
-        tool = (
-            None if command is None else (yield from seen.reader.twice(command, Place(port))).value
-        )
+        tool = None if command is None else (await seen.reader.twice(command, Place(port))).value
         if isinstance(tool, int):
             seen.tools[port] = tool
         if known is not None or tool is not None:
             seen.ports.append(port)
 
 
-def _count(seen: _Seen) -> Steps[None]:
+async def _count(seen: _Seen) -> None:
     for port in seen.ports:
         for counter in seen.family.counters:
-            answer = yield from seen.reader.twice(
-                seen.family.commands[counter.command], Place(port)
-            )
+            answer = await seen.reader.twice(seen.family.commands[counter.command], Place(port))
             seen.counts.append(_counted(port, counter.name, counter.unit, answer))
 
 
@@ -225,15 +226,15 @@ def _counted(port: int, name: str, unit: str, answer: Answer) -> Count:
 # -- errors ----------------------------------------------------------------------------------------
 
 
-def _find_errors(seen: _Seen) -> Steps[None]:
+async def _find_errors(seen: _Seen) -> None:
     family = seen.family
     if family.protocol == OMEGA:
-        seen.errors = Errors((yield from _omega_state(seen.reader)))
+        seen.errors = Errors(await _omega_state(seen.reader))
         return
-    station = (yield from seen.reader.twice(family.commands["station_error"])).value
+    station = (await seen.reader.twice(family.commands["station_error"])).value
     ports = {}
     for port in seen.ports:
-        error = (yield from seen.reader.twice(family.commands["port_error"], Place(port))).value
+        error = (await seen.reader.twice(family.commands["port_error"], Place(port))).value
         if isinstance(error, int):
             ports[port] = family.port_errors.text(error)
     seen.errors = Errors(
@@ -241,13 +242,13 @@ def _find_errors(seen: _Seen) -> Steps[None]:
     )
 
 
-def _omega_state(reader: StationReader) -> Steps[str | None]:
+async def _omega_state(reader: StationReader) -> str | None:
     """Return the state of an OMEGA, which has no errors: whether there is solder and it is
     ready.
     """
     texts = []
     for name in ("information", "temperature_control"):
-        value = (yield from reader.twice(reader.contact.family.commands[name])).value
+        value = (await reader.twice(reader.contact.family.commands[name])).value
         texts += [] if value is None else [text_of(value)]
     return ", ".join(texts) or None
 
@@ -255,10 +256,10 @@ def _omega_state(reader: StationReader) -> Steps[str | None]:
 # -- settings --------------------------------------------------------------------------------------
 
 
-def _find_parameters(seen: _Seen) -> Steps[None]:
+async def _find_parameters(seen: _Seen) -> None:
     for command in filter(is_parameter, seen.family.commands.values()):
         for place in _places(command, seen):
-            value = (yield from seen.reader.twice(command, place)).value
+            value = (await seen.reader.twice(command, place)).value
             if value is not None:
                 seen.parameters[parameter_name(command.name, place.port)] = text_of(value)
 

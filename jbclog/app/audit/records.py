@@ -5,7 +5,6 @@ verifications.
 from __future__ import annotations
 
 import os
-import sqlite3
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,7 +18,6 @@ from pyarrow import ArrowException
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.config.tasks_file import Task
 from jbclog.core.clock import utc_ms
-from jbclog.core.durable_files import damage_in
 from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
@@ -51,9 +49,9 @@ from jbclog.record.find_runs import (
     find,
     once,
 )
+from jbclog.record.journal_reader import Journal
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import read_manifest
-from jbclog.record.store_reader import StoreReader
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
@@ -70,7 +68,7 @@ if TYPE_CHECKING:
 LAG: Final = timedelta(seconds=10)
 COUNTED: Final = ("error", "critical")  # severities of events
 SHOWN: Final = 3
-UNREADABLE: Final = (JbclogError, OSError, ValueError, sqlite3.Error, ArrowException)
+UNREADABLE: Final = (JbclogError, OSError, ValueError, ArrowException)
 """What reading a run raises that is not as it should be."""
 
 Place = tuple[str, str]
@@ -179,7 +177,7 @@ def _count(found: Found, past: PastRuns) -> None:
 
 
 def _is_within(found: Found, since: str, until: str) -> bool:
-    start, end = found.host_started, found.host_ended
+    start, end = found.host_start, found.host_stop
     began = start is None or datetime.fromisoformat(start) < datetime.fromisoformat(until)
     ended = end is not None and datetime.fromisoformat(end) < datetime.fromisoformat(since)
     return began and not ended
@@ -221,7 +219,7 @@ class _CounterRow(NamedTuple):
     port: int
     counter: str
     value: float | None
-    unit: str
+    uom: str
     raw: str
 
 
@@ -269,11 +267,11 @@ def _record(folder: Path, wanted: SurveyTarget, now: datetime) -> _Record | None
 
 
 def _facts(folder: Path) -> list[StationFacts]:
-    """Return the facts of the stations of a run: from its live store, or from its manifest if it
-    was sealed meanwhile.
+    """Return the facts of the stations of a run: from its journal, or from its manifest if it was
+    sealed meanwhile.
     """
-    with StoreReader(folder) as stock:
-        stored = known_stations(stock, [])
+    with Journal(folder) as journal:
+        stored = known_stations(journal, [])
     if stored or not (folder / MANIFEST).exists():
         return stored
     manifest = read_manifest(folder)
@@ -306,7 +304,7 @@ def _observation(
         source=source,
         identity=Identity(facts.family, facts.model, facts.software),
         counts=tuple(map(_recorded_count, counts)),
-        tools=dict(facts.tools),
+        tool_names=dict(facts.tool_names),
         parameters=dict(_parameters(record)),
         errors=_errors(record, wanted),
     )
@@ -314,10 +312,8 @@ def _observation(
 
 def _recorded_count(row: _CounterRow) -> Count:
     if row.value is None:
-        return Count(
-            row.port, row.counter, row.unit, None, Standing.UNREAD, (), row.raw.strip("<>")
-        )
-    return Count(row.port, row.counter, row.unit, row.value, Standing.OK, (row.value,))
+        return Count(row.port, row.counter, row.uom, None, Standing.UNREAD, (), row.raw.strip("<>"))
+    return Count(row.port, row.counter, row.uom, row.value, Standing.OK, (row.value,))
 
 
 # -- from the tables -------------------------------------------------------------------------------
@@ -327,11 +323,11 @@ def _newest(record: _Record) -> Iterator[_CounterRow]:
     """Yield each counter's latest value of the last hour; if none was read, the latest failure."""
     newest: dict[tuple[int, str], _CounterRow] = {}
     for rows in record.run.stream("counters", record.facts.name, start=record.now - FRESH):
-        for time, port, counter, value, unit, raw in rows[list(_CounterRow._fields)].itertuples(
+        for time, port, counter, value, uom, raw in rows[list(_CounterRow._fields)].itertuples(
             index=False, name=None
         ):
             row = _CounterRow(
-                time.to_pydatetime(), int(port), str(counter), _number(value), str(unit), str(raw)
+                time.to_pydatetime(), int(port), str(counter), _number(value), str(uom), str(raw)
             )
             if row.value is not None or newest.get((row.port, row.counter), row).value is None:
                 newest[row.port, row.counter] = row
@@ -397,7 +393,7 @@ def verified(runs: Path, places: Iterable[Place]) -> tuple[list[Fact], list[str]
         book = read_book(runs)
     except RecordError as error:
         return [], [str(error)]
-    wrong = [f"{runs / NAME}: {text}" for text in damage_in(book.wrong)]
+    wrong = [f"{runs / NAME}: {text}" for text in book.damage]
     return [_fact(place, one, runs) for place in places for one in _last(book, place[1])], wrong
 
 

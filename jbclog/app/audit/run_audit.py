@@ -23,7 +23,7 @@ from jbclog.app.audit.survey import Observed, Survey
 from jbclog.app.connection import target_of
 from jbclog.config.line import Line, StationSpec
 from jbclog.config.tasks_file import Task
-from jbclog.core.durable_files import sha256
+from jbclog.core.chain import sha256
 from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Entry, Fact, Observation
 from jbclog.maintenance.fleet import FleetAudit

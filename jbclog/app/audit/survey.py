@@ -29,7 +29,7 @@ from jbclog.core.errors import (
     StationError,
     unexpected_error_text,
 )
-from jbclog.core.io_requests import IoResult, Request, RunEnded, Steps, relay
+from jbclog.core.io_requests import IoResult, Request, RunEnded, do, relay
 from jbclog.core.serial_line import PortAddress, port_address
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
@@ -138,10 +138,10 @@ class Survey:
     def _utc_of(self, moment: float) -> str:
         return utc_ms(self.access.utc_of(moment))
 
-    def _unless_stopped(self, request: Request) -> Steps[IoResult]:
+    async def _unless_stopped(self, request: Request) -> IoResult:
         if self.is_stopped:
             raise RunEnded("the audit was stopped")
-        return (yield request)
+        return await do(request)
 
 
 def _by_port(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:

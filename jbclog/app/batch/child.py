@@ -89,18 +89,24 @@ class JobObserver:
         self._thread.join(CLOSE_S)
 
     def _progress(self, contexts: list[SessionContext], joints: int | None) -> JobProgress:
-        counts = [context.count_readings(port) for context in contexts for port in [*context.ports]]
+        counts = [
+            context.state.count_readings(port)
+            for context in contexts
+            for port in [*context.state.ports]
+        ]
         return JobProgress(
             passed_s=time.monotonic() - self._began,
-            doing="recording" if any(context.ports for context in contexts) else "starting",
-            alarms=sum(context.facts.alarms or 0 for context in contexts),
-            ports=[port for context in contexts if context.connected for port in _ports(context)],
+            doing="recording" if any(context.state.ports for context in contexts) else "starting",
+            alarms=sum(context.state.facts.alarms or 0 for context in contexts),
+            ports=[
+                port for context in contexts if context.state.connected for port in _ports(context)
+            ],
             away=[
                 context.name
                 for context in contexts
-                if context.ports
-                and context.facts.outcome == StationOutcome.RUNNING
-                and not context.connected
+                if context.state.ports
+                and context.state.facts.outcome == StationOutcome.RUNNING
+                and not context.state.connected
             ],
             units=self._units,
             unit=self._unit,
@@ -124,17 +130,21 @@ class JobObserver:
 
 
 def _ports(context: SessionContext) -> list[PortProgress]:
-    if context.facts.outcome != StationOutcome.RUNNING:
+    if context.state.facts.outcome != StationOutcome.RUNNING:
         return []
-    return [_port(context, number) for number in context.ports]
+    return [_port(context, number) for number in context.state.ports]
 
 
 def _port(context: SessionContext, number: int) -> PortProgress:
-    port = context.ports[number]
+    port = context.state.ports[number]
     status = (
-        None if port.status is None or port.states else context.family.status.state(port.status)
+        None
+        if port.status is None or port.states
+        else context.state.family.status.state(port.status)
     )
-    return PortProgress(context.name, number, port.temperature_c, context.set_c(port), status)
+    return PortProgress(
+        context.name, number, port.temperature_c, context.state.setpoint_c(port), status
+    )
 
 
 def main(arguments: list[str]) -> int:
@@ -150,7 +160,6 @@ def main(arguments: list[str]) -> int:
         return INTERRUPTED
     with suppress(OSError):
         job_dir.set_result(result)
-    job_dir.store.close()
     return result.exit_code
 
 

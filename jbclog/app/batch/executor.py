@@ -277,7 +277,6 @@ class BatchExecutor:
         """
         if not self.state.is_open():
             self._note(EntryKind.FINISH, "All jobs have ended.")
-        self._journal.store.close()
 
     def exit_code(self) -> Exit:
         """Return the most severe exit code of the jobs and of the interruption, if any."""

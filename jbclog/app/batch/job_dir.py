@@ -1,9 +1,8 @@
-"""One attempt at a job: its row in the batch's store, its folder, and the serial handed over to the
-next job.
+"""One attempt at a job: its folder, and the serial handed over to the next job.
 
-The folder has what a database cannot hold: the lock, held by the job's process for its lifetime and
-taken by its parent before the process exists, and the output of the process. So a job is never
-started twice, and anyone can see that it is running.
+The executor and the job exchange files in it. The lock is held by the job's process for its
+lifetime and taken by its parent before the process exists: so a job is never started twice, and
+anyone can see that it is running.
 """
 
 from __future__ import annotations
@@ -12,24 +11,29 @@ import contextlib
 import json
 import os
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import BinaryIO, Final, Literal
+from typing import BinaryIO, Final, TypeVar
 
-from jbclog.app.batch.store import ADD_EVENT, BatchStore
+from jbclog.core.durable_files import write_whole
 from jbclog.core.files import Kind, open_to_write, read_regular
 from jbclog.core.json_files import builder, json_of
+from jbclog.core.line_file import LineFile
 from jbclog.core.locks import is_locked
-from jbclog.core.operating_system import lock_exclusive, write_at
+from jbclog.core.operating_system import lock_exclusive, sync_file, sync_folder, write_at
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource
 
+T = TypeVar("T")
+
 LOCK: Final = "lock"
 NOTES: Final = "notes.txt"
-PAGE: Final = 10_000  # events in memory at once
-
-Column = Literal["spec", "run", "progress", "result", "ended"]
+SPEC: Final = "spec.json"
+RUN: Final = "run.json"
+PROGRESS: Final = "progress.json"
+EVENTS: Final = "events.jsonl"
+RESULT: Final = "result.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +43,7 @@ class PortProgress:
     station: str
     port: int
     temperature_c: float | None = None
-    set_c: float | None = None
+    setpoint_c: float | None = None
     status: str | None = None
 
 
@@ -69,25 +73,36 @@ _build_job_progress: Final = builder(JobProgress)
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """Exit code of a job, and its findings, the most severe first."""
+    """Exit code of a job, and its findings, the most severe first. `stop`: when it was written,
+    seconds since 1970.
+    """
 
     exit_code: int
     verdict: str | None = None
     findings: list[str] = field(default_factory=list)
     run: str | None = None
+    stop: float = 0.0
 
 
 _build_job_result: Final = builder(JobResult)
 
 
-class JobDir:
-    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``. `store` is that of the batch, opened
-    if None.
-    """
+@dataclass(frozen=True, slots=True)
+class _JobRun:
+    """The folder of a job's run."""
 
-    def __init__(self, folder: Path, store: BatchStore | None = None) -> None:
+    run: str
+
+
+_build_job_run: Final = builder(_JobRun)
+
+
+class JobDir:
+    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``."""
+
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.store = store or BatchStore(folder.parent.parent)
+        self._events = LineFile(folder / EVENTS, Kind.JOB)
 
     # -- the executor ------------------------------------------------------------------------------
 
@@ -96,7 +111,9 @@ class JobDir:
         `OSError`.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._set(spec=spec)
+        write_whole(self.folder / SPEC, spec)
+        sync_folder(self.folder.parent)
+        sync_folder(self.folder.parent.parent)
         descriptor = open_to_write(self.folder / LOCK, Kind.LOCK)
         try:
             lock_exclusive(descriptor)
@@ -123,10 +140,7 @@ class JobDir:
 
     def spec(self) -> bytes:
         """Return the job's specification. Raises `OSError`."""
-        spec = self._get("spec")
-        if not isinstance(spec, bytes):
-            raise FileNotFoundError(f"{self.store.path} does not have {self.folder.name}")
-        return spec
+        return read_regular(self.folder / SPEC, Kind.JOB)
 
     @staticmethod
     def sign(descriptor: int) -> None:
@@ -135,69 +149,59 @@ class JobDir:
 
     def set_run(self, run: Path) -> None:
         """Write the folder of its run, before any station is touched. Raises `OSError`."""
-        self._set(run=json.dumps({"run": str(run.absolute())}))
+        write_whole(self.folder / RUN, json.dumps({"run": str(run.absolute())}).encode())
 
     def set_progress(self, progress: JobProgress) -> None:
         """Write the progress, not synced: after a power cut it is worthless. Raises `OSError`."""
-        self._set(synced=False, progress=json.dumps(asdict(progress)))
+        data = json.dumps(asdict(progress)).encode()
+        write_whole(self.folder / PROGRESS, data, is_synced=False)
 
     def add_event(self, event: EventRow) -> None:
         """Add an event of its run for display, not synced: the run's record has it. Raises
         `OSError`.
         """
-        with self.store.transaction(synced=False) as db:
-            db.execute(ADD_EVENT, (self.folder.name, json.dumps(event)))
+        self._events.append_line(json.dumps(event).encode(), is_synced=False)
 
     def set_result(self, result: JobResult) -> None:
-        """Write the result. Raises `OSError`."""
-        self._set(result=json.dumps(asdict(result)), ended=time.time())
+        """Write the result with the present time. Raises `OSError`.
+
+        Its events are on disk before: the next job takes the serial that the last one left.
+        """
+        with contextlib.suppress(FileNotFoundError):
+            sync_file(self.folder / EVENTS)
+        data = json.dumps(asdict(replace(result, stop=time.time()))).encode()
+        write_whole(self.folder / RESULT, data)
 
     # -- readers -----------------------------------------------------------------------------------
 
     def run(self) -> Path | None:
         """Return the folder of its run; None if it has none yet."""
-        found = self._json("run")
-        return Path(str(found["run"])) if isinstance(found, dict) and "run" in found else None
+        job_run = self._read(RUN, _build_job_run)
+        return None if job_run is None else Path(job_run.run)
 
     def progress(self) -> JobProgress:
         """Return its last progress."""
-        with contextlib.suppress(ValueError):
-            return _build_job_progress(self._json("progress"))
-        return JobProgress()
+        return self._read(PROGRESS, _build_job_progress) or JobProgress()
 
     def result(self) -> JobResult | None:
         """Return its result, or None."""
-        with contextlib.suppress(ValueError):
-            return _build_job_result(self._json("result"))
-        return None
-
-    def ended_at(self) -> float | None:
-        """Return when its result was written, seconds since 1970; None without a result."""
-        with contextlib.suppress(OSError):
-            ended = self._get("ended")
-            return ended if isinstance(ended, float) else None
-        return None
+        return self._read(RESULT, _build_job_result)
 
     def events(self, since: int) -> tuple[list[EventRow], int]:
-        """Return at most `PAGE` events after number `since`, and the number of the last."""
+        """Return the next events from position `since` on, and the position behind them."""
         try:
-            rows = self.store.rows(
-                "SELECT number, line FROM event WHERE attempt = ? AND number > ?"
-                " ORDER BY number LIMIT ?",
-                (self.folder.name, since, PAGE),
-            )
+            lines, since = self._events.lines_since(since)
         except OSError:
             return [], since
-        found = [event for _, line in rows if (event := _event(line)) is not None]
-        return found, rows[-1][0] if rows else since
+        return [event for line in lines if (event := _event(line)) is not None], since
 
     def each_event(self) -> Iterator[EventRow]:
-        """Yield all events, a page at a time."""
+        """Yield all events."""
         since, last = -1, 0
         while last > since:
             since = last
-            found, last = self.events(since)
-            yield from found
+            events, last = self.events(since)
+            yield from events
 
     def last_note(self) -> str:
         """Return the last line of the process's output, which may say why it died."""
@@ -211,31 +215,15 @@ class JobDir:
             return lines[-1].strip() if lines else ""
         return ""
 
-    def _json(self, column: Column) -> object:
-        with contextlib.suppress(OSError, ValueError, RecursionError):
-            text = self._get(column)
-            if isinstance(text, str):
-                data: object = json_of(text)
-                return data
+    def _read(self, name: str, build: Callable[[object], T]) -> T | None:
+        with contextlib.suppress(OSError, ValueError):
+            return build(json_of(read_regular(self.folder / name, Kind.JOB)))
         return None
 
-    def _get(self, column: Column) -> object:
-        rows = self.store.rows(f"SELECT {column} FROM attempt WHERE name = ?", (self.folder.name,))
-        return rows[0][0] if rows else None
 
-    def _set(self, *, synced: bool = True, **values: object) -> None:
-        """Write columns of the attempt's row, which the first write creates."""
-        with self.store.transaction(synced=synced) as db:
-            db.execute("INSERT OR IGNORE INTO attempt (name) VALUES (?)", (self.folder.name,))
-            for column, value in values.items():
-                db.execute(
-                    f"UPDATE attempt SET {column} = ? WHERE name = ?", (value, self.folder.name)
-                )
-
-
-def _event(line: object) -> EventRow | None:
-    with contextlib.suppress(ValueError, TypeError, RecursionError):
-        event = EventRow(*json_of(str(line)))
+def _event(line: bytes) -> EventRow | None:
+    with contextlib.suppress(ValueError, TypeError):
+        event = EventRow(*json_of(line))
         return event._replace(severity=Severity(event.severity))
     return None
 
@@ -281,9 +269,11 @@ def unread_serial(before: Iterable[JobDir]) -> str | None:
     """Return the serial that the last of these jobs has read and left to the next; None if there is
     none or it is not known.
     """
-    ended = [job_dir for job_dir in before if job_dir.ended_at() is not None]
-    last = max(ended, key=lambda job_dir: job_dir.ended_at() or 0.0, default=None)
+    results = [(job_dir, job_dir.result()) for job_dir in before]
+    ended = [(result.stop, job_dir) for job_dir, result in results if result is not None]
     newest = None
-    for event in () if last is None else last.each_event():
-        newest = event if event.kind in FEED else newest
+    if ended:
+        _, last = max(ended, key=lambda pair: pair[0])
+        for event in last.each_event():
+            newest = event if event.kind in FEED else newest
     return newest.raw if newest and newest.kind == NEXT else None

@@ -20,7 +20,6 @@ from jbclog.app.batch.child import SPEC
 from jbclog.app.batch.job_dir import JobDir, unread_serial
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
-from jbclog.app.batch.store import BatchStore
 from jbclog.app.run.options import Metadata
 from jbclog.core.errors import RecordError, Unsafe, unexpected_error_text
 from jbclog.core.outcome import Exit, Status
@@ -76,11 +75,8 @@ class Processes(Protocol):
 class SystemProcesses:
     """Processes of this computer, with the folders of their jobs below `folder`."""
 
-    def __init__(
-        self, folder: Path, specs: dict[str, JobSpec], store: BatchStore | None = None
-    ) -> None:
+    def __init__(self, folder: Path, specs: dict[str, JobSpec]) -> None:
         self._folder = folder
-        self._store = store or BatchStore(folder)
         self._specs = specs
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
         self._pool = ThreadPoolExecutor(RECOVERING_MOST, "recover")
@@ -89,7 +85,7 @@ class SystemProcesses:
         self._recorded: dict[Path, Path] = {}
 
     def job_dir(self, name: str, attempt: int) -> JobDir:
-        return JobDir(self._folder / "jobs" / f"{name}-{attempt}", self._store)
+        return JobDir(self._folder / "jobs" / f"{name}-{attempt}")
 
     def set_recorded_run(self, name: str, attempt: int, run: Path) -> None:
         """Set the run that the journal has for an attempt, in case the job's folder is gone."""
@@ -127,7 +123,7 @@ class SystemProcesses:
             return spec
         same = [other for other, one in self._specs.items() if one.units_from == spec.units_from]
         before = [
-            JobDir(path, self._store)
+            JobDir(path)
             for path in (self._folder / "jobs").glob("*")
             if path.name.rpartition("-")[0] in same
         ]
@@ -218,7 +214,7 @@ def result_of(
         return _recovered(run)
     if reported is None:
         with suppress(RecordError):
-            recover(run)  # sealed, but the process may have died before it removed the live store
+            recover(run)  # sealed, but the process may have died before it removed the journal
     if ended.exit_status == Status.LOST:  # recovered by another process
         code = ended.exit_code or RecordError.exit_code
         return AttemptResult(State.HALF, code, "its process died while it ran", run, ended.verdict)

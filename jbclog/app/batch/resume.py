@@ -80,7 +80,7 @@ def prepare(
 
 
 def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBatch:
-    processes = SystemProcesses(journal.folder, plan.specs, journal.store)
+    processes = SystemProcesses(journal.folder, plan.specs)
     for job in journal.state.running():
         if job.last is not None and job.last.run is not None:
             processes.set_recorded_run(

@@ -79,9 +79,9 @@ class Attempt:
     """One attempt at a job. `state` is RUNNING until the journal has its result."""
 
     number: int
-    began: str
+    start: str
     state: State = State.RUNNING
-    ended: str | None = None
+    stop: str | None = None
     again: bool = False
     exit_code: int | None = None
     verdict: str | None = None
@@ -178,7 +178,7 @@ class BatchState:
     def _end(self, job: JobState, attempt: Attempt, entry: Entry) -> None:
         job.state = attempt.state = State(entry.state or State.HALF)
         job.text = attempt.text = entry.text
-        attempt.ended, attempt.again = entry.time, bool(entry.again)
+        attempt.stop, attempt.again = entry.time, bool(entry.again)
         attempt.exit_code, attempt.verdict, attempt.run = entry.exit_code, entry.verdict, entry.run
         is_failure = job.state is not State.DONE
         if is_failure and self.policies.get(job.name) is OnFailure.STOP and self.stopped_by is None:

@@ -88,7 +88,7 @@ def _table(table: str, rows: int) -> dict[str, object]:
 def _column(field: pa.Field) -> dict[str, object]:
     found = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
     more = {
-        "schema:unitText": found.get("unit"),
+        "schema:unitText": found.get("uom"),
         "dc:description": found.get("definition"),
         "dc:source": found.get("command"),
     }

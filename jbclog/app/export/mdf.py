@@ -8,7 +8,7 @@ these bits finds NaN or `-`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -19,12 +19,14 @@ import pyarrow as pa
 from asammdf import MDF, Signal
 from numpy.typing import NDArray
 
+from jbclog.analysis.clock_steps import steps_in
 from jbclog.analysis.joints.port_rows import Clock
-from jbclog.analysis.run_metrics import clock_steps
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import SIGNAL_OF_COLUMN, PortKey, StationFacts
 from jbclog.core.text import clean
+from jbclog.record.clock_steps import COLUMNS as STEP_COLUMNS
+from jbclog.record.samples_by_port import split_by_port
 
 VERSION: Final = "4.10"
 HELD_ROWS: Final = 300_000  # rows of samples in memory, until each port's are written in one block
@@ -32,7 +34,7 @@ TRANSPOSED_AND_DEFLATED: Final = 2
 MICROS: Final = "µs since 1970-01-01 UTC"
 NO_TEXT: Final = "-"  # stands for null; readers take an empty text for none, and show a number
 UTC_NAMES: Final = {"time": "time_utc"}  # `time` is the master
-MASTER: Final = {"alarms": "onset"}
+MASTER: Final = {"alarms": "start"}
 """Column with the time of a row; `time` in other tables."""
 
 MOST_CHOICES: Final = 16_384  # a conversion of MDF has at most 65 535
@@ -172,7 +174,7 @@ def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
 
 def _write_joints(file: MDF, source: Source) -> int:
     """Write a group for each port; the joints of a port have one time axis."""
-    for station, port, rows in _ports_in(source.joints):
+    for (station, port), rows in split_by_port(source.joints).items():
         name = f"{station} port {port} joints"
         group = Group(name, "joints", SCHEMA_OF["joints"], recur=False)
         group.add(file, rows["start_s"].to_numpy(), rows)
@@ -183,7 +185,7 @@ def _write_samples(file: MDF, source: Source, t0_us: int) -> int:
     """Write a group for each port, many rows at a time."""
     stations = {facts.name: facts for facts in source.run.stations}
     needs_steps = any(not facts.period_s for facts in stations.values())
-    steps = clock_steps(source.run) if needs_steps else []
+    steps = steps_in(source.run.groups("events", STEP_COLUMNS)) if needs_steps else []
     groups: dict[PortKey, tuple[Group, Clock]] = {}
     held: dict[PortKey, list[pa.Table]] = {}
 
@@ -202,8 +204,8 @@ def _write_samples(file: MDF, source: Source, t0_us: int) -> int:
 
     count = unwritten = 0
     for piece in source.pieces("samples"):
-        for station, port, rows in _ports_in(piece):
-            held.setdefault((station, port), []).append(rows)
+        for key, rows in split_by_port(piece).items():
+            held.setdefault(key, []).append(rows)
         count += piece.num_rows
         unwritten += piece.num_rows
         if unwritten >= HELD_ROWS:
@@ -219,7 +221,7 @@ def _group_of(key: PortKey, facts: StationFacts | None) -> Group:
     station, port = key
     about = ""
     if facts is not None:
-        about = f"{facts.model or facts.family}, tool {facts.tools.get(port, 'not known')}"
+        about = f"{facts.model or facts.family}, tool {facts.tool_names.get(port, 'not known')}"
     return Group(f"{station} port {port}", about, _fields_of(facts), recur=True)
 
 
@@ -235,19 +237,6 @@ def _fields_of(facts: StationFacts | None) -> list[pa.Field]:
     ]
 
 
-def _ports_in(rows: pa.Table) -> Iterator[tuple[str, int, pa.Table]]:
-    names = rows["station"].combine_chunks().dictionary_encode()
-    ports = rows["port"].to_numpy()
-    keys = np.stack([names.indices.to_numpy(zero_copy_only=False), ports])
-    found, places = np.unique(keys, axis=1, return_inverse=True)
-    order = np.argsort(places, kind="stable")
-    ends = np.cumsum(np.bincount(places, minlength=found.shape[1]))
-    ordered = rows.take(pa.array(order))
-    for number, (name, port) in enumerate(found.T.tolist()):
-        start = int(ends[number - 1]) if number else 0
-        yield names.dictionary[name].as_py(), port, ordered.slice(start, int(ends[number]) - start)
-
-
 def _bits(rows: pa.Table, field: pa.Field) -> Bits | None:
     """Return the invalidation bits of a column that can have nulls: set where it is null."""
     return rows[field.name].is_null().to_numpy() if field.nullable else None
@@ -255,7 +244,7 @@ def _bits(rows: pa.Table, field: pa.Field) -> Bits | None:
 
 def _signal(field: pa.Field, seconds: Values, values: Values, bits: Bits | None) -> Signal:
     found = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
-    unit = MICROS if pa.types.is_timestamp(field.type) else found.get("unit", "")
+    unit = MICROS if pa.types.is_timestamp(field.type) else found.get("uom", "")
     comment = found.get("definition") or found.get("command", "")
     encoding = "utf-8" if values.dtype.kind == "S" else None
     name = UTC_NAMES.get(field.name, field.name)

@@ -152,8 +152,8 @@ def _part(source: Source, facts: StationFacts, port: int) -> Iterator[str]:
         "K1053": said.order,
         "K1081": f"{facts.name}:{port}",
         "K1082": facts.model,
-        "K1204": _moment(manifest.started),
-        "K1205": _moment(manifest.ended),
+        "K1204": _moment(manifest.start),
+        "K1205": _moment(manifest.stop),
         "K1342": f"{recipe.name} revision {recipe.revision}" if recipe is not None else None,
         "K1900": _remark(source),
     }

@@ -9,25 +9,23 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog import __version__
+from jbclog.analysis.derived_schemas import ALARMS_SCHEMA, JOINTS_SCHEMA
 from jbclog.analysis.run import Run
-from jbclog.analysis.run_alarms import ALARMS_SCHEMA
-from jbclog.analysis.run_joints import joints_with_units
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA
+from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
+from jbclog.core.rows import TABLES
 from jbclog.core.text import clean, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.check import check
 from jbclog.record.find_runs import SEALED, ending
 from jbclog.record.manifest import manifest_sha256
-from jbclog.record.schema import SCHEMAS, TEXT
+from jbclog.record.schema import SCHEMAS
 
 SCHEMA_OF: Final[Mapping[str, pa.Schema]] = {
-    **SCHEMAS,
-    "joints": JOINTS_SCHEMA.insert(
-        0, pa.field("unit", TEXT, metadata={"definition": "serial of the unit, where it is known"})
-    ),
+    **{table: SCHEMAS[table] for table in TABLES},
+    "joints": JOINTS_SCHEMA,
     "alarms": ALARMS_SCHEMA,
 }
 """Columns of each table that can be exported, with units."""
@@ -75,8 +73,8 @@ class Source:
 
     @cached_property
     def joints(self) -> pa.Table:
-        """The joints with the serials of their units. Raises `RecordError`."""
-        return joints_with_units(self.run)
+        """The joints. Raises `RecordError`."""
+        return joints_of(self.run)
 
     @cached_property
     def facts(self) -> dict[str, str]:
@@ -112,8 +110,8 @@ class Source:
                 else "not sealed: being recorded, or cut off by a crash"
             ),
             "lost": manifest.lost.text if manifest.lost is not None else "",
-            "started": manifest.started or "",
-            "ended": manifest.ended or "",
+            "start": manifest.start or "",
+            "stop": manifest.stop or "",
             "verdict": f"{manifest.verdict} (rules {manifest.rules})" if manifest.verdict else "",
             "line": manifest.line.name if manifest.line is not None else "",
             "recipe": "; ".join(recipes),

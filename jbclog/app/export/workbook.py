@@ -69,7 +69,7 @@ def _created(source: Source) -> datetime:
     """Return the start of the run, so that the same run and version give the same bytes; without
     one, the first day of 1980.
     """
-    started = source.run.manifest.started
+    started = source.run.manifest.start
     moment = datetime(1980, 1, 1) if started is None else datetime.fromisoformat(started)  # noqa: DTZ001  # Excel has no zones
     return moment.replace(tzinfo=None, microsecond=0)
 
@@ -142,7 +142,7 @@ def _about(source: Source, sheets: dict[str, dict[str, int]]) -> Iterator[Sequen
             )
             yield [table, text]
     yield []
-    yield ["table", "column", "unit", "type", "meaning"]
+    yield ["table", "column", "uom", "type", "meaning"]
     for table in sheets:
         yield from map(_described, repeat(table), SCHEMA_OF[table])
 
@@ -152,7 +152,7 @@ def _described(table: str, field: pa.Field) -> list[object]:
     return [
         table,
         field.name,
-        found.get("unit", ""),
+        found.get("uom", ""),
         DATATYPES[field.type],
         found.get("definition") or found.get("command", ""),
     ]

@@ -8,7 +8,8 @@ from jbclog.config.line import Line
 from jbclog.core.clock import elapsed
 from jbclog.guard.continuity import Proof
 from jbclog.protocol.commands.status import StatusWord
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import PortState
 from jbclog.transport.device import PortDevice, device_of
 from jbclog.transport.port import Port
 
@@ -35,13 +36,13 @@ class Identities:
 
     def families(self) -> list[str]:
         """Return the families of the line, recorded or not; ``auto`` for an unknown one."""
-        recorded = {context.facts.family for context in self._contexts.values()}
+        recorded = {context.state.facts.family for context in self._contexts.values()}
         return sorted(self._others | recorded)
 
     def proofs(self) -> list[Proof]:
         """Return the last proof of each station with touched tools."""
         for name, context in self._contexts.items():
-            if any(port.touched for port in context.ports.values()):
+            if any(port.touched for port in context.state.ports.values()):
                 self._renew(name, context)
         return list(self._proofs.values())
 
@@ -49,24 +50,24 @@ class Identities:
         """Renew a proof if the station counts as the one of the start. While it is away, the last
         proof stays; drop it once another station has answered.
         """
-        if context.stranger is not None or not context.identity_at:
+        if context.state.stranger is not None or not context.state.identity_at:
             self._proofs.pop(name, None)
             return
         device, opened_at = self._opened.get(name, (None, 0.0))
-        is_of_this_device = min(context.identity_at.values()) >= opened_at
-        if device is not None and context.is_proven and is_of_this_device:
+        is_of_this_device = min(context.state.identity_at.values()) >= opened_at
+        if device is not None and context.state.is_proven and is_of_this_device:
             statuses = {
                 port.number: _status(context, port)
-                for port in context.ports.values()
+                for port in context.state.ports.values()
                 if port.touched
             }
-            hours = dict(context.plugged_hours)
+            hours = dict(context.state.plugged_hours)
             self._proofs[name] = Proof(name, device, context.station.heard, statuses, hours)
 
 
 def _status(context: SessionContext, port: PortState) -> StatusWord | None:
     """Return the last status word; None if it is unknown: never read, or ordered since."""
-    if port.status is not None or context.has_ordered_status:
+    if port.status is not None or context.state.has_ordered_status:
         return port.status
     before = port.held.get("status")
     return before if isinstance(before, tuple) else None

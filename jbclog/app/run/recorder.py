@@ -43,7 +43,7 @@ from jbclog.record.guard_actions import LOCK as GUARD_LOCK
 from jbclog.record.guard_actions import action_log, on_run_clock
 from jbclog.record.manifest import iso
 from jbclog.session.run.context import SessionContext
-from jbclog.session.run.mix_ups import alike, swapped, swapped_text
+from jbclog.session.run.identity import alike, swapped, swapped_text
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
@@ -53,8 +53,7 @@ from jbclog.transport.system_ports import SharedPortWatch
 from jbclog.transport.typed_lines import LineSource
 
 if TYPE_CHECKING:  # imported with --capture
-    from jbclog.record.capture import Head
-    from jbclog.record.capture_recorder import WireRecorder
+    from jbclog.record.wire_recorder import Head, WireRecorder
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
 FIRST_PROCESS = 1  # process id in a container; the system ends all other processes with it
@@ -106,7 +105,7 @@ class Recorder:
             allow_missing=plan.starts_without_missing, report=self._note_failed_look
         )
         self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
-        self._wires = self._capturing() if plan.wanted.wire else None
+        self._wire = self._capturing() if plan.wanted.wire else None
         self._units = None if units is None else self._unit_feed(units)
         self._goals = Goals(plan.wanted.goals(), self._note, self._reactor.end, self._units)
         self._cut_short: Exit | None = None
@@ -125,7 +124,7 @@ class Recorder:
     @property
     def stations(self) -> list[StationFacts]:
         """What is known of each station."""
-        return [context.facts for context in self._contexts]
+        return [context.state.facts for context in self._contexts]
 
     def conduct(self, signals: Signals) -> Result:
         """Run from the guard's start to the final manifest; `signals` end the run in good order."""
@@ -138,7 +137,7 @@ class Recorder:
         error = self._run_sessions()
         self._note_mix_ups()
         self._end_units()
-        self._close_captures()
+        self._close_capture()
         self._note_missed()
         lacking = self._run_record.close() or error
         self._run_record.manifest.goals = self._goals.reached()
@@ -147,7 +146,7 @@ class Recorder:
     def _begin(self) -> None:
         manifest = self._run_record.manifest
         manifest.stations = self.stations  # others can now see whose ports this run holds
-        manifest.wire = None if self._wires is None else "open"
+        manifest.wire = None if self._wire is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._run_record.begin()
         self._goals.begin(self._run_record.folder)
@@ -199,8 +198,8 @@ class Recorder:
         """Run all sessions to their ends; return the internal error that ended them, or None."""
         for context in self._contexts:
             self._add(context)
-        if self._wires is not None:
-            self._wires.start()
+        if self._wire is not None:
+            self._wire.start()
         every = self._reactor.every
         for look, what in self._looks():
             every(LOOK_EVERY_S, look, what)
@@ -250,12 +249,12 @@ class Recorder:
             self._identities.note_opened(order.name, port)
             return port
 
-        if self._wires is None:
+        if self._wire is None:
             self._reactor.add(run_station(context), opened, order.name)
             return
         from jbclog.transport.session_history import Tee, captured
 
-        keep, now = self._wires.begin(self._head(context)), self._clock.monotonic
+        keep, now = self._wire.begin(self._head(context)), self._clock.monotonic
         self._reactor.add(
             captured(run_station(context), keep, now),
             lambda: Tee.opened(opened, keep, now),
@@ -263,12 +262,12 @@ class Recorder:
         )
 
     def _capturing(self) -> WireRecorder:
-        from jbclog.record.capture_recorder import WireRecorder
+        from jbclog.record.wire_recorder import WireRecorder
 
         return WireRecorder(self._run_record.folder)
 
     def _head(self, context: SessionContext) -> Head:
-        from jbclog.record.capture import Head
+        from jbclog.record.wire_recorder import Head
 
         order, manifest = context.order, self._run_record.manifest
         return Head(
@@ -290,7 +289,7 @@ class Recorder:
         """
         yield self._freeze_sessions, "Freeze the sessions"
         yield self._look_at_clock, "Look at the clock"
-        yield self._note_captures, "Look at the captures"
+        yield self._note_capture, "Look at the capture"
         yield self._note_sharers, "Report other programs on the ports"
         yield self._note_mix_ups, "Compare the stations' identities"
         yield self._run_record.look, "Look at the disk"
@@ -309,28 +308,31 @@ class Recorder:
     def _note_sharers(self) -> None:
         for url, who in self._sharers.news():
             for context in self._contexts:
-                if context.order.url == url and context.facts.outcome == StationOutcome.RUNNING:
+                if (
+                    context.order.url == url
+                    and context.state.facts.outcome == StationOutcome.RUNNING
+                ):
                     text = (
                         f"{url} is open in {who}, too, which may take answers that were meant for"
                         " this run; end that program."
                     )
-                    context.note("link.contention", Severity.ERROR, text)
+                    context.log.note("link.contention", Severity.ERROR, text)
 
     def _note_mix_ups(self) -> None:
         """Give the sessions the stations that look alike, and report swapped cables once."""
         names = alike(self._contexts)
         for context in self._contexts:
-            context.alike = names.get(context.name, [])
+            context.state.alike = names.get(context.name, [])
         for first, second in swapped(self._contexts):
             text = swapped_text(first, second)
             for context in (first, second):
-                if context.mix_up != text:
-                    context.mix_up = text
-                    context.note(
+                if context.state.mix_up != text:
+                    context.state.mix_up = text
+                    context.log.note(
                         "identity.swapped", Severity.CRITICAL, f"{text[0].upper()}{text[1:]}."
                     )
-                if context.facts.outcome == StationOutcome.REFUSED:
-                    context.facts.reason = f"{context.name}: {text}"
+                if context.state.facts.outcome == StationOutcome.REFUSED:
+                    context.state.facts.reason = f"{context.name}: {text}"
 
     def _look_at_clock(self) -> None:
         utc = self._run_record.utc
@@ -354,21 +356,23 @@ class Recorder:
             return
         gc.freeze()
         self._have_all_begun = all(
-            context.facts.first_tick is not None or context.facts.outcome != StationOutcome.RUNNING
+            context.state.facts.first_tick is not None
+            or context.state.facts.outcome != StationOutcome.RUNNING
             for context in self._contexts
         )
 
-    def _note_captures(self) -> None:
-        for text in self._wires.news() if self._wires is not None else ():
-            self._note("wire.failed", text, Severity.WARNING)
+    def _note_capture(self) -> None:
+        trouble = None if self._wire is None else self._wire.news()
+        if trouble is not None:
+            self._note("wire.failed", trouble, Severity.WARNING)
 
-    def _close_captures(self) -> None:
-        if self._wires is not None:
-            self._wires.close()
-            self._note_captures()
-            from jbclog.record.capture import WHOLE
+    def _close_capture(self) -> None:
+        if self._wire is not None:
+            from jbclog.record.wire import WHOLE
 
-            self._run_record.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
+            self._wire.close()
+            self._note_capture()
+            self._run_record.manifest.wire = self._wire.trouble or WHOLE
 
     def _look_for_units(self) -> None:
         if self._units is not None:

@@ -1,6 +1,6 @@
 """The record of one run: its folder, journal, seal, verdict and manifest.
 
-The same for a run on real ports (`app.run.runner`) and for a reproduced one (`app.replay`)::
+::
 
     RunRecord() -> begin -> (the sessions) -> close -> conclude
 """
@@ -45,7 +45,6 @@ from jbclog.core.text import count_text
 from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
 from jbclog.record.folder import create_run, keep_text
-from jbclog.record.live import LiveStore, OnFailure
 from jbclog.record.manifest import (
     ClockStep,
     LineFile,
@@ -56,6 +55,7 @@ from jbclog.record.manifest import (
     iso,
     write_manifest,
 )
+from jbclog.record.run_journal import OnFailure, RunJournal
 from jbclog.record.seal_child import SEAL_S, seal_in_child
 from jbclog.session.run.context import SessionContext
 from jbclog.transport.opening import PYSERIAL
@@ -117,7 +117,7 @@ class RunRecord:
         previous = previous_run(out, plan.line.name, self.folder)
         self._plan = plan
         self._is_remedy_given = False  # in the text that `close` returns
-        self._store = LiveStore(
+        self._store = RunJournal(
             self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened
         )
         self.journal = _Tap(self._store, on_facts)
@@ -125,7 +125,8 @@ class RunRecord:
         self._out = out
         self.manifest.verifications = self._cited(self.utc.micros(self.t0))
         self.contexts = [
-            SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)
+            SessionContext.of(order, self.journal, self.utc)
+            for order in station_tasks(plan, self.t0)
         ]
 
     def begin(self) -> None:
@@ -157,7 +158,7 @@ class RunRecord:
         return Manifest(
             run=self.folder.name,
             rules=RULES,
-            started=iso(self.utc.micros(self.t0)),
+            start=iso(self.utc.micros(self.t0)),
             t0_mono=self.t0,
             t0_utc=self.t0 + self.utc.offset,
             clock_steps=[],
@@ -211,21 +212,21 @@ class RunRecord:
     def refuse(self, why: Mapping[str, str]) -> Result:
         """Record a run that is not started, with the reasons by station."""
         for context in self.contexts:
-            context.facts.outcome = StationOutcome.REFUSED
-            context.facts.reason = why.get(
+            context.state.facts.outcome = StationOutcome.REFUSED
+            context.state.facts.reason = why.get(
                 context.name, f"{context.name}: not asked, for the run was not started"
             )
-        self.manifest.stations = [context.facts for context in self.contexts]
+        self.manifest.stations = [context.state.facts for context in self.contexts]
         self.manifest.goals = [
             replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals
         ]
         self.begin()
         for context in self.contexts:
             context.station.now = self.clock.monotonic()  # no session has set its time
-            context.note(
+            context.log.note(
                 "station.refused",
                 Severity.ERROR,
-                context.facts.reason.removeprefix(f"{context.name}: "),
+                context.state.facts.reason.removeprefix(f"{context.name}: "),
             )
             context.publish()
         return self.conclude(self.close())
@@ -233,7 +234,7 @@ class RunRecord:
     # -- end ---------------------------------------------------------------------------------------
 
     def close(self) -> str | None:
-        """Close the live store and seal its rows; return what the record lacks, or None."""
+        """Close the journal and seal its rows; return what the record lacks, or None."""
         self.note("run.end", "All stations have ended.")
         self._store.close()
         self.show(self.observer.sealing)
@@ -253,17 +254,17 @@ class RunRecord:
         from jbclog.app.run.ending import conclude, judge_run
         from jbclog.record.clock_steps import HostClock
 
-        stations, manifest = [context.facts for context in self.contexts], self.manifest
+        stations, manifest = [context.state.facts for context in self.contexts], self.manifest
         manifest.stations = stations  # in the line file's order
         start_us = self.utc.micros(self.t0)
-        true_start_us = HostClock(manifest.clock_steps or (), manifest.started).corrected(start_us)
+        true_start_us = HostClock(manifest.clock_steps or (), manifest.start).corrected(start_us)
         if true_start_us != start_us:
             manifest.verifications = self._cited(true_start_us)
         there = {facts.name: facts.ports for facts in stations}
         manifest.verifications = [
             one for one in manifest.verifications if one.port in (there[one.station] or [one.port])
         ]
-        manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
+        manifest.stop = iso(self.utc.micros(self.clock.monotonic()))
         judge_run(self.folder, self._plan, manifest, record, cut_short)
         found = findings(
             stations,
@@ -297,7 +298,7 @@ class _Tap:
     `on_facts`.
     """
 
-    def __init__(self, store: LiveStore, on_facts: OnFacts | None) -> None:
+    def __init__(self, store: RunJournal, on_facts: OnFacts | None) -> None:
         self.counter: Callable[[CounterRow], None] = store.counter
         self._alarms: LiveAlarms | None = LiveAlarms(store.event)
         self._on_facts = on_facts

@@ -18,6 +18,7 @@ from jbclog.app.run.options import RunOptions
 from jbclog.app.run.plan import Plan, make_plan
 from jbclog.core.clock import SystemClock
 from jbclog.core.errors import JbclogError, RecordError, Unsafe, cause
+from jbclog.core.operating_system import expect_epoll
 from jbclog.core.outcome import CUT_SHORT, tools_text
 from jbclog.guard.supervisor import RunGuard
 from jbclog.record.folder import create_run
@@ -56,8 +57,10 @@ def conduct(
     Serials of units are read from `units` during the run.
 
     A run that cannot start, because another one holds a port or there is no process for its guard,
-    is recorded as such. Raises `RecordError` if the record cannot begin.
+    is recorded as such. Raises `RecordError` if the record cannot begin, `UsageError` on a system
+    that cannot record.
     """
+    expect_epoll()
     with Signals(heard(), FREEZING, stay_ignored=is_last) as signals:
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
@@ -141,7 +144,7 @@ def carry_out(
     with cpu_limit():
         result = conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
     # imported only now: hours of recording need none
-    from jbclog.app.run.metrics_cache import start_metrics
+    from jbclog.app.run.derive import start_derive
 
-    start_metrics(result.folder, result.manifest)
+    start_derive(result.folder, result.manifest)
     return result

@@ -7,7 +7,7 @@ from functools import partial
 
 from jbclog.app.run.plan import Plan
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import StationTask
+from jbclog.session.run.task import StationTask
 from jbclog.transport.system_ports import sharers_text
 
 

@@ -1,6 +1,4 @@
-"""The queue of the batch that runs on a folder of runs, read from its store without locks or
-writes.
-"""
+"""The queue of the batch that runs on a folder of runs, read without locks or writes."""
 
 from __future__ import annotations
 
@@ -9,26 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from jbclog.app.batch.job_dir import JobProgress
-from jbclog.app.batch.journal import SUFFIX, parsed
+from jbclog.app.batch.job_dir import JobDir
+from jbclog.app.batch.journal import JOBS, SUFFIX, journal_chain
 from jbclog.app.batch.single_batch import LOCK
-from jbclog.app.batch.state import Attempt, BatchState, JobState, State, batch_state
-from jbclog.app.batch.store import NAME
+from jbclog.app.batch.state import Attempt, JobState, State, batch_state
 from jbclog.config.durations import span_s
-from jbclog.core.files import LIMITS, Kind
-from jbclog.core.json_files import builder, json_of
+from jbclog.core.json_files import json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.text import clean
 from jbclog.live.follower import is_run
-from jbclog.live.sqlite_pages import DatabasePages, Malformed
-from jbclog.live.sqlite_rows import Value, roots, rows
 
 EVERY_S: Final = 2.0
 NOT_READABLE: Final = "{}: its queue cannot be read now: {}"
 MOST_JOBS: Final = 500
 LONGEST: Final = 120  # characters of why a job ended as it did; the table of `jbclog batch` has all
-
-_build_progress: Final = builder(JobProgress)
 
 
 class QueuedJob(NamedTuple):
@@ -94,54 +86,25 @@ def queue_of(home: Path) -> BatchQueue:
     if not folders:
         return BatchQueue(f"batch {name} begins")
     try:
-        state, progress = _read(folders[-1] / NAME)
-    except (OSError, Malformed, ValueError) as error:
+        content = journal_chain(folders[-1]).read()
+        state = batch_state(content.entries)
+    except (OSError, ValueError) as error:
         return BatchQueue(NOT_READABLE.format(f"batch {name}", error))
+    if content.damage:
+        return BatchQueue(NOT_READABLE.format(f"batch {name}", content.damage[0]))
     jobs = list(state.jobs.values())[:MOST_JOBS]
     ended = sum(job.is_over for job in jobs)
     text = f"batch {name}: {ended} of {len(state.jobs)} jobs have ended"
     why = state.ended_by or (state.stopped_by and f"{state.stopped_by} failed")
     text += clean(f"; no more jobs start: {why}") if why else ""
-    return BatchQueue(text, tuple(_job(job, progress) for job in jobs))
+    return BatchQueue(text, tuple(_job(job, folders[-1]) for job in jobs))
 
 
-def _read(path: Path) -> tuple[BatchState, dict[str, JobProgress]]:
-    """Return a batch's state and its attempts' progress. Raises `OSError`, `Malformed`."""
-    pages = DatabasePages(path)
-    try:
-        lines, attempts = pages.snapshot(
-            lambda one: (_values(one, "journal"), _values(one, "attempt"))
-        )
-    finally:
-        pages.close()
-    entries = [
-        entry
-        for _, line in lines
-        if isinstance(line, bytes) and (entry := parsed(line)) is not None
-    ]
-    return batch_state(entries), {str(name): _progress(text) for name, _, _, text, *_ in attempts}
-
-
-def _values(pages: DatabasePages, table: str) -> list[list[Value]]:
-    found = roots(pages)
-    if table not in found:
-        return []
-    most = LIMITS[Kind.JOURNAL]
-    return [row.values(pages) for row in rows(pages, found[table], most_bytes=most)]
-
-
-def _progress(text: Value) -> JobProgress:
-    try:
-        return _build_progress(json_of(text)) if isinstance(text, str) else JobProgress()
-    except ValueError:
-        return JobProgress()
-
-
-def _job(job: JobState, progress: dict[str, JobProgress]) -> QueuedJob:
+def _job(job: JobState, folder: Path) -> QueuedJob:
     if job.state is State.WAITING:
         text = _waiting(job)
     elif job.state is State.RUNNING and job.last is not None:
-        text = _now(job, job.last, progress.get(f"{job.name}-{job.last.number}", JobProgress()))
+        text = _now(job, job.last, JobDir(folder / JOBS / f"{job.name}-{job.last.number}"))
     else:
         text = _ended(job)
     return QueuedJob(clean(job.name), str(job.state), clean(text))
@@ -159,7 +122,8 @@ def _waiting(job: JobState) -> str:
     return ", ".join(parts)
 
 
-def _now(job: JobState, attempt: Attempt, now: JobProgress) -> str:
+def _now(job: JobState, attempt: Attempt, job_dir: JobDir) -> str:
+    now = job_dir.progress()
     duration = _asked(job).get("duration")
     whole_s = span_s(duration) if isinstance(duration, str) else None
     of = "" if whole_s is None else f" of {whole_s:.0f} s"

@@ -44,7 +44,7 @@ class Feed:
         self._state = state
         if state is None:
             nothing: Json = {
-                "run": self._no_run,
+                "heading": self._no_run,
                 "title": words.title(None),
                 "whole": True,
                 "ports": [],
@@ -64,16 +64,16 @@ class Feed:
 
 def _run_of(state: RunState | None) -> tuple[Path, str | None] | None:
     """Return what tells a run from another; a folder may be replaced by that of another run."""
-    return None if state is None else (state.folder, state.started)
+    return None if state is None else (state.folder, state.start)
 
 
 def _message(
     state: RunState, queues: Sequence[BatchQueue], sent: dict[PortKey, float], *, is_whole: bool
 ) -> str:
     data: Json = {
-        "run": words.run_line(state),
+        "run": state.folder.name,
+        "heading": words.run_line(state),
         "title": words.title(state),
-        "folder": state.folder.name,
         "phase": str(state.phase),
         "status": words.status_line(state),
         "worst": str(words.worst(state) or "not known"),
@@ -98,7 +98,7 @@ def _port(port: PortState, sent_s: float | None) -> Json:
         "condition": str(port.condition),
         "now": words.reading_text(port.temperature, "°C"),
         "known": port.temperature.is_known,
-        "set": words.reading_text(port.setpoint, "°C"),
+        "setpoint": words.reading_text(port.setpoint, "°C"),
         "power": words.power_text(port.power),
         "status": words.status_text(port.status),
         "row": words.row_text(port),
@@ -116,7 +116,7 @@ def _points(trace: Trace, sent_s: float | None) -> Json:
     is_new = sent_s is None or trace.last_s < sent_s - SAME_S
     first = 0 if is_new or sent_s is None else _first_after(trace, sent_s)
     return {
-        "begin": is_new,
+        "whole": is_new,
         "seconds": [round(one, 3) for one in trace.seconds[first:]],
         "temperature": [
             None if one is None else round(one, 2) for one in trace.temperature_c[first:]

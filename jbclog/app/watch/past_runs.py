@@ -62,7 +62,7 @@ def _run(run: Path) -> dict[str, object]:
     text, has_report = NOT_READABLE, False
     with suppress(OSError):  # a folder that this user may not enter
         text, has_report = _text(run), (run / REPORT).is_file()
-    return {"name": run.name, "text": text, "report": has_report}
+    return {"run": run.name, "text": text, "report": has_report}
 
 
 def open_report(path: Path, name: str) -> BufferedReader:

@@ -123,7 +123,7 @@ def row_text(port: PortState) -> str:
 
 
 def port_name(port: PortState) -> str:
-    tool = f" {port.tool}" if port.tool else ""
+    tool = f" {port.tool_name}" if port.tool_name else ""
     return clean(f"{port.station} port {port.port}{tool}")
 
 
@@ -225,7 +225,14 @@ def event_line(numbered: NumberedEvent) -> str:
 def setting_rows(station: StationState) -> list[list[str]]:
     """Return the settings of a station: heads, then a row for each; empty if none was read."""
     rows = [
-        (one.name, _cell(one.port), _cell(one.tool), one.value or "unknown", one.unit, one.outcome)
+        (
+            one.name,
+            _cell(one.port),
+            _cell(one.tool_name),
+            one.value or "unknown",
+            one.uom,
+            one.outcome,
+        )
         for one in station.settings
     ]
     return _rows(("setting", "port", "tool", "value", "unit", "outcome"), rows)
@@ -233,7 +240,7 @@ def setting_rows(station: StationState) -> list[list[str]]:
 
 def counter_rows(station: StationState) -> list[list[str]]:
     """Return the counters of a station: heads, then a row for each; empty if none was read."""
-    rows = [(one.name, _cell(one.port), _number(one), one.unit) for one in station.counters]
+    rows = [(one.name, _cell(one.port), _number(one), one.uom) for one in station.counters]
     return _rows(("counter", "port", "value", "unit"), rows)
 
 

@@ -91,7 +91,7 @@ class Count(msgspec.Struct, frozen=True, gc=False):
 
     port: int
     counter: str
-    unit: str
+    uom: str
     value: float | None
     standing: Standing = Standing.OK
     values: tuple[float, ...] = ()
@@ -146,7 +146,7 @@ class StationLook:
     why: str = ""
     source: str = "wire"
     identity: Identity | None = None
-    tools: dict[int, str] = field(default_factory=dict)
+    tool_names: dict[int, str] = field(default_factory=dict)
     parameters: dict[str, str] = field(default_factory=dict)
     errors: Errors = field(default_factory=Errors)
     seq: int = 0

@@ -47,8 +47,8 @@ class Difference(msgspec.Struct, frozen=True, gc=False):
 
     port: int
     counter: str
-    begin: str
-    end: str
+    start: str
+    stop: str
     before: float
     after: float
     kind: DifferenceKind
@@ -72,11 +72,11 @@ def continued(
     step: float,
     before: Interval,
     after: Interval,
-    begin: str,
-    end: str,
+    start: str,
+    stop: str,
 ) -> Difference:
-    """Return the difference of a counter that continues from what it showed at `begin` to what it
-    showed at `end`.
+    """Return the difference of a counter that continues from what it showed at `start` to what it
+    showed at `stop`.
     """
     low, high = after.low - before.high, after.high - before.low
     is_unchanged = low <= 0 <= high
@@ -84,8 +84,8 @@ def continued(
     return Difference(
         port,
         counter,
-        begin,
-        end,
+        start,
+        stop,
         before.low,
         after.low,
         DifferenceKind.ZERO if is_unchanged else DifferenceKind.NORMAL,
@@ -177,7 +177,7 @@ class Trace:
         return self.counter.endswith("_h")
 
     @property
-    def unit(self) -> str:
+    def uom(self) -> str:
         return "h" if self.is_time else "mm" if self.counter.endswith("_mm") else "count"
 
     def between(self, begin: int, end: int) -> Interval:
@@ -217,7 +217,7 @@ class Trace:
             since=self.points[0].time,
             first=self.points[0].shown.low,
             is_known=self.is_known(0, last),
-            marks=tuple(sorted([*marks, *self.aside], key=lambda one: one.end)),
+            marks=tuple(sorted([*marks, *self.aside], key=lambda one: one.stop)),
         )
 
 

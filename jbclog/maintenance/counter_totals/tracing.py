@@ -249,8 +249,8 @@ class _Pass:
         return Difference(
             port=span.port,
             counter=span.counter,
-            begin=looks[span.before.look].time,
-            end=looks[span.after.look].time,
+            start=looks[span.before.look].time,
+            stop=looks[span.after.look].time,
             before=span.before.shown.low,
             after=span.after.shown.low,
             kind=judged.kind,

@@ -15,7 +15,7 @@ from jbclog.core.errors import (
     NotReceived,
     StationError,
 )
-from jbclog.core.io_requests import Steps, T, Wait
+from jbclog.core.io_requests import Steps, T, wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.commands.command import Command, Scope
@@ -28,7 +28,7 @@ from jbclog.protocol.commands.family import Family, foreign_reads
 ANSWERS = 4  # at most
 
 
-def read_confirmed(
+async def read_confirmed(
     client: Client,
     command: Command,
     port: int | None = None,
@@ -38,7 +38,7 @@ def read_confirmed(
     grows: bool = False,
     doubted: Counter[str] | None = None,
     answered: Callable[[PreparedRead], None] = lambda _: None,
-) -> Steps[Value]:
+) -> Value:
     """Read until two answers are equal; one is enough if it equals `known`, a value confirmed
     before.
 
@@ -50,7 +50,7 @@ def read_confirmed(
     question = client.question(command, port, tool)
     given: list[Value] = []
     while len(given) < ANSWERS:
-        given.append((yield from client.ask(question)))
+        given.append(await client.ask(question))
         answered(question)
         value = confirmed_value(given, known, grows=grows)
         if value is not None:
@@ -102,24 +102,24 @@ LOST: Final = (
 """Errors that the link can cause, none of them a decision of the station."""
 
 
-def with_retries(client: Client, ask: Callable[[], Steps[T]], tries: int) -> Steps[T]:
+async def with_retries(client: Client, ask: Callable[[], Steps[T]], tries: int) -> T:
     """Return the result of `ask` within `tries`. The last error states the number of tries."""
     began = client.now
     for number in range(1, tries + 1):
         try:
-            return (yield from ask())
+            return await ask()
         except LOST as error:
             if number == tries or client.now - max(client.heard, began) > SILENT_S:
                 if tries > 1:
                     error.args = (f"{error}, in {number} {'try' if number == 1 else 'tries'}",)
                 raise
-        yield from pause(client, number)
+        await pause(client, number)
     raise AssertionError("no try at all")
 
 
-def pause(client: Client, number: int) -> Steps[None]:
+async def pause(client: Client, number: int) -> None:
     """Wait after try `number` (from 1), longer each time."""
-    client.unasked((yield Wait(client.now + PAUSES_S[min(number, len(PAUSES_S)) - 1])))
+    client.unasked(await wait(client.now + PAUSES_S[min(number, len(PAUSES_S)) - 1]))
 
 
 # A model name accepted by the line file proves nothing, and status 00001 puts a soldering tool to
@@ -130,28 +130,28 @@ def pause(client: Client, number: int) -> Steps[None]:
 NOT_DRIVEN: Final = "Nothing was written to it: correct `family`, or the cable"
 
 
-def kind_problem(client: Client, family: Family, port: int) -> Steps[str | None]:
+async def kind_problem(client: Client, family: Family, port: int) -> str | None:
     """Describe why the station is not of `family`'s kind; None if it is. Raises `LinkError`."""
-    why = yield from unanswered_read(client, family, port, START_TRIES)
+    why = await unanswered_read(client, family, port, START_TRIES)
     for command in foreign_reads(family) if why is None else ():
-        if (yield from _refusal(client, command, port, tries=1)) is None:
+        if await _refusal(client, command, port, tries=1) is None:
             return f"it answers R-{_code(command, port)}, which only another kind of station does"
     return why
 
 
-def unanswered_read(client: Client, family: Family, port: int, tries: int = 1) -> Steps[str | None]:
+async def unanswered_read(client: Client, family: Family, port: int, tries: int = 1) -> str | None:
     """As `kind_problem`, using only the family's own reads, for use when time is short."""
     for command in (family.commands[name] for name in 2 * family.answered_by_kind):
-        error = yield from _refusal(client, command, port, tries)
+        error = await _refusal(client, command, port, tries)
         if error is not None:
             return f"it does not answer R-{_code(command, port)}, as a {family.name} does ({error})"
     return None
 
 
-def _refusal(client: Client, command: Command, port: int, tries: int) -> Steps[StationError | None]:
+async def _refusal(client: Client, command: Command, port: int, tries: int) -> StationError | None:
     """Return the error of a read; None if it returned a value."""
     try:
-        yield from with_retries(client, lambda: client.read(command, _port(command, port)), tries)
+        await with_retries(client, lambda: client.read(command, _port(command, port)), tries)
     except StationError as error:
         return error
     return None

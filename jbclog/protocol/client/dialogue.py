@@ -8,8 +8,8 @@
 3. Answers carry no sequence number, so a late one looks like a fresh one. Codes whose answers may
    be on their way are in doubt until the station answers anything else; `robot.py` handles that.
 4. Other forms are accepted where the manuals contradict each other, and counted
-   (`protocol/commands/decisions.py`). A form that another answer could have is accepted only while
-   nothing is in doubt, and never right after the request that it would properly answer.
+   (`protocol/commands/decisions.toml`). A form that another answer could have is accepted only
+   while nothing is in doubt, and never right after the request that it would properly answer.
 5. If a second, different answer to the last question arrives before the next exchange has ended,
    one of the two is another question's: the first is noted in `contradicted`. That holds only if
    no answer to the same question asked before can be on its way, so not after a lost answer.
@@ -17,13 +17,14 @@
    seen on this station, up to `MOST_S`. A write gets longer: storing may be slow, and no manual
    prints how slow (docs/reference/contradictions.md, B-13).
 
-Everything here is a generator without I/O (`core.io_requests`).
+Everything that waits is a coroutine without I/O (`core.io_requests`).
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from math import inf
 
 from jbclog.core.errors import (
     AnswerContradicted,
@@ -38,13 +39,14 @@ from jbclog.core.errors import (
     RobotModeOff,
     StationError,
 )
-from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
+from jbclog.core.io_requests import Ask, IoResult, ask, do, listen
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import (
     Anomalies,
     Contradiction,
     FloodDetector,
     ignore_end,
+    ignore_interruption,
 )
 from jbclog.protocol.client.question import Question, known_answers
 from jbclog.protocol.commands.command import Command, Effect, Scope
@@ -103,6 +105,42 @@ class Dialogue:
     public subclass.
     """
 
+    # Python shares the keys of 30 attributes at most; beyond that only slots are fast
+    __slots__ = (
+        "_answer_from_station",
+        "_answered",
+        "_doubted",
+        "_failure",
+        "_has_tail",
+        "_is_clear",
+        "_is_only_one",
+        "_is_overdue",
+        "_last",
+        "_lost",
+        "_moving",
+        "_pending",
+        "_questions",
+        "_reader",
+        "_until",
+        "address",
+        "anomalies",
+        "contradicted",
+        "data",
+        "ended",
+        "exchanges",
+        "first_sent",
+        "flow",
+        "heard",
+        "host_address",
+        "interrupt",
+        "interrupt_at",
+        "line",
+        "now",
+        "sent",
+        "strays",
+        "turnaround_s",
+    )
+
     def __init__(self, line: LineFormat, address: int | None, host_address: int) -> None:
         self.line = line
         self.address = address
@@ -119,6 +157,8 @@ class Dialogue:
         self.flow = FloodDetector()
         self.contradicted: Contradiction | None = None
         self.ended: Callable[[bool], None] = ignore_end
+        self.interrupt_at = inf
+        self.interrupt: Callable[[], None] = ignore_interruption
         self._reader = FrameReader()
         # codes of requests whose answers may be on their way, oldest first
         self._doubted: list[str] = []
@@ -131,7 +171,8 @@ class Dialogue:
         self._has_tail = False  # the reader holds what may be the beginning of that
         self._pending = self._last = ""  # codes of the pending request and of the previous one
         self._is_overdue = False  # the last request timed out
-        self._request = Ask(b"", 0.0)  # the pending one
+        self._until = 0.0  # until when the pending request waits for bytes
+        self._failure: StationError | None = None  # what came instead of its answer
         # order of addresses in answers, as learnt (docs/reference/contradictions.md, B-6)
         self._answer_from_station = True
         # addresses that may acknowledge the pending change of address
@@ -152,36 +193,36 @@ class Dialogue:
         self, command: Command, header: str, port: int | None, tool: int | None, data: str = ""
     ) -> Question:
         """Build a request: a read, whose `data` can only be padding, or a write of `data`."""
-        code, is_write = command.code(port, tool), header == "W"
+        code = command.code(port, tool)
+        is_write = header == "W"
         digits = 0 if is_write else command.answer_digits
         frame = self._frame(header, code + data, sending=True)
         start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
         wire_s = self.line.seconds(len(frame) + length)
-        usual = Ask(frame, wire_s + LEAST_S)
-        tries = 1 if is_write or command.sent_once else 1 + REPEATS
-        is_short = command.scope is Scope.STATION and len(code) == 2
-        known = known_answers(frame, command, start)
+        answers, decoded = known_answers(frame, command, start)
         question = Question(
-            command,
-            port,
-            frame,
-            code,
-            digits,
-            start,
-            length,
-            wire_s,
-            usual,
-            tries,
-            is_short,
-            *known,
+            command=command,
+            port=port,
+            frame=frame,
+            code=code,
+            digits=digits,
+            answer_start=start,
+            answer_length=length,
+            wire_s=wire_s,
+            usual=Ask(frame, wire_s + LEAST_S),
+            tries=1 if is_write or command.sent_once else 1 + REPEATS,
+            is_short=command.scope is Scope.STATION and len(code) == 2,
+            answers=answers,
+            decoded=decoded,
         )
         answered_as = (WRITE_ANSWERED_AS if is_write else READ_ANSWERED_AS).get(command.name)
         if answered_as is not None:
-            question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
-            question.known = {}  # not another station's, of which its own code may be known
+            question.also_number, letters = answered_as
+            question.also = f"{letters}{port}"
         if is_write:
-            question.is_write, question.least_s = True, least_s(command)
+            question.is_write = True
+            question.least_s = least_s(command)
             question.repeated = data if command.name in ACKNOWLEDGED_WITH_VALUE else ""
         return question
 
@@ -194,24 +235,16 @@ class Dialogue:
         return Frame(header, text, source, target).encode()
 
     def patience_s(self, question: Question) -> float:
-        """Return the time-out of a request, from the moment it is sent."""
+        """Return the time-out of a request, from the moment it is sent.
+
+        It is short for a write in a flood: no acknowledgement can be found, and other tools wait
+        for their orders.
+        """
+        if question.is_write and (self.flow.is_flooded or self.flow.is_suspect):
+            return question.wire_s + LEAST_S
         seen = self.turnaround_s
         from_reads = UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S)
         return question.wire_s + max(from_reads, question.least_s)
-
-    def _exchange(self, question: Question, heard: IoResult | None = None) -> Steps[str]:
-        """Send a request, unless `heard` is its result, and return the data field of its answer."""
-        if heard is None:
-            heard = yield self._begin(question)
-            text = None if self._count(question, heard) else question.text_in(heard.data)
-            if text is not None:
-                self._note_answer(heard.now, question, question.wire_s, text)
-                return text
-        try:
-            return (yield from self._gather(question, heard, heard.sent + self._request.patience_s))
-        except StationError as error:
-            self._note_failure(question, error)
-            raise
 
     def _begin(self, question: Question) -> Ask:
         """Register `question` as pending and return its request. On a flooded link only writes
@@ -222,102 +255,138 @@ class Dialogue:
         if self._reader.held and not self._has_tail:
             self._reader.reset()  # earlier bytes cannot be the answer
         self._has_tail = False
+        code = question.code
         doubted = self._doubted
-        self._is_only_one = question.code not in doubted and question.code not in self._lost
-        self._last, self._pending, self._is_clear = self._pending, question.code, not doubted
-        doubted.append(question.code)  # until this or a later request is answered
+        self._is_only_one = code not in doubted and code not in self._lost
+        self._is_clear = not doubted
+        self._last = self._pending
+        self._pending = code
+        doubted.append(code)  # until this or a later request is answered
         if len(doubted) > MOST_DOUBTED:
             del doubted[0]
-        patience_s = (
-            self._patience_of_write_s(question) if question.is_write else self.patience_s(question)
-        )
-        self._request = request = Ask(question.frame, patience_s)
-        return request
+        self._failure = None
+        seen = self.turnaround_s
+        if seen is not None and seen <= FAST_S and not question.is_write:
+            return question.usual
+        return Ask(question.frame, self.patience_s(question))
 
-    def _count(self, question: Question, heard: IoResult) -> bool:
-        """Register the result of a request; return True if too many bytes arrived to accept any
-        answer.
+    async def _exchange(self, question: Question) -> str:
+        """Send a request and return the data field of its answer, which is looked for in everything
+        that arrives in time: in pieces, in garbage, behind other frames.
         """
+        request = self._begin(question)
+        patience_s = request.patience_s
+        if self.now + patience_s <= self.interrupt_at:
+            heard = await do(request)
+        else:
+            heard = await self._perform_interrupted(request)
+        # reading a field of a NamedTuple costs more than all of them at once
+        now, chunk, sent, _ = heard
         self.exchanges += 1
-        self.sent = sent = heard.sent
+        self.sent = sent
         if self.first_sent is None:
             self.first_sent = sent
-        return self.flow.came(heard.now, len(heard.data), question.answer_length)
-
-    def _patience_of_write_s(self, question: Question) -> float:
-        """Return the time-out of a write. It is short in a flood: no acknowledgement can be found,
-        and other tools wait for their orders.
-        """
-        if self.flow.is_flooded or self.flow.is_suspect:
-            return question.wire_s + LEAST_S
-        return self.patience_s(question)
-
-    def _gather(self, question: Question, heard: IoResult, end: float) -> Steps[str]:
-        """Find the answer in everything that arrives until `end`: in pieces, in garbage, after
-        other frames.
-        """
-        until = end
-        failure: StationError = AnswerTimeout(
-            f"{question.title()}: no answer within {until - heard.sent:.3f} s"
-        )
-        while heard.data:
-            self.now = heard.now
-            self.flow.expect_none()
-            frames = iter(self._reader.feed(heard.data))
-            for found in frames:
-                if self.flow.is_suspect:
-                    self.strays["flood"] += 1
-                    failure = AnswerFormat(
-                        f"{question.title()}: far more came than an answer, and none of it is"
-                        " believed"
-                    )
-                    continue
-                if isinstance(found, CorruptFrame):
-                    failure = AnswerCorrupt(
-                        f"{question.title()}: wrong check byte in {found.raw.hex(' ')}"
-                    )
-                    until = min(until, self._rest_of(question, found, end))
-                    continue
-                data = self._match(question, found)
-                if data is not None:
-                    self._note_answer(
-                        heard.now,
-                        question,
-                        self.line.seconds(len(question.frame) + len(found.encode())),
-                        data,
-                    )
-                    self._look_behind(frames)
-                    if self.contradicted is not None:
-                        self.contradicted = None
-                        raise AnswerContradicted(
-                            f"{question.title()}: another answer came right behind A{found.text}"
-                        )
+        reader = self._reader
+        flow = self.flow
+        end = sent + patience_s
+        self._until = end
+        is_suspect = flow.came(now, len(chunk), question.answer_length)
+        try:
+            while chunk:
+                received = reader.held + chunk
+                data = question.answers.get(received)
+                if data is not None and now < flow.quiet_until:
+                    # nearly always: just an answer that was accepted before
+                    if reader.held:
+                        reader.forget()
+                    self._note_answer(now, question, question.wire_s, data)
                     return data
-                self._compare(found)
-                if not isinstance(failure, AnswerCorrupt):
-                    failure = AnswerFormat(
-                        f"{question.title()}: answered by {self._why_no_answer(found)}"
+                if flow.found is not None:
+                    self.now = now
+                    raise flow.taken()
+                data = self._search(question, now, chunk, is_suspect=is_suspect)
+                if data is not None:
+                    question.remember(received, data)
+                    return data
+                self.now = now
+                now, chunk, _, _ = await listen(self._until)
+                is_suspect = flow.came(now, len(chunk))
+            self._is_overdue = self._until == end
+            reader.reset()
+            raise self._failure or AnswerTimeout(
+                f"{question.title()}: no answer within {patience_s:.3f} s"
+            )
+        except StationError as error:
+            self.now = now
+            self._note_failure(question, error)
+            raise
+
+    async def _perform_interrupted(self, request: Ask) -> IoResult:
+        """Perform a request, and interrupt the waiting at `interrupt_at`, even if no answer has
+        come yet.
+        """
+        result = await ask(request.data, max(self.interrupt_at - self.now, 0.0))
+        end = result.sent + request.patience_s
+        if result.data or result.now >= end:
+            return result
+        self.interrupt_at = inf
+        self.interrupt()
+        rest = await listen(end)
+        return rest._replace(sent=result.sent)
+
+    def _search(
+        self, question: Question, now: float, chunk: bytes, *, is_suspect: bool
+    ) -> str | None:
+        """Return the data field if `chunk`, received at `now`, completes the answer; else note what
+        came instead.
+        """
+        frames = iter(self._reader.feed(chunk))
+        for frame in frames:
+            if is_suspect:
+                self.strays["flood"] += 1
+                self._failure = AnswerFormat(
+                    f"{question.title()}: far more came than an answer, and none of it is believed"
+                )
+                continue
+            if isinstance(frame, CorruptFrame):
+                self._failure = AnswerCorrupt(
+                    f"{question.title()}: wrong check byte in {frame.raw.hex(' ')}"
+                )
+                if question.digits is None or len(frame.raw) >= question.answer_length:
+                    # it was the answer
+                    rest_s = QUIET_S + self.line.seconds(question.answer_length)
+                    self._until = min(self._until, now + rest_s)
+                continue
+            answer = self._match(question, frame)
+            if answer is None:
+                self._compare(frame)
+                if not isinstance(self._failure, AnswerCorrupt):
+                    self._failure = AnswerFormat(
+                        f"{question.title()}: answered by {self._why_no_answer(frame)}"
                     )
-            heard = yield Listen(until)
-            self.flow.came(heard.now, len(heard.data))
-        self.now = heard.now
-        self._is_overdue = until == end
-        self._reader.reset()
-        raise failure
+                continue
+            wire_s = self.line.seconds(len(question.frame) + len(frame.encode()))
+            self._note_answer(now, question, wire_s, answer)
+            self._look_behind(frames)
+            if self.contradicted is not None:
+                self.contradicted = None
+                raise AnswerContradicted(
+                    f"{question.title()}: another answer came right behind A{frame.text}"
+                )
+            return answer
+        return None
 
     def _why_no_answer(self, frame: Frame) -> str:
         """Describe a frame that is not the answer, with its address if it is another station's."""
-        description, pair, own = (
-            f"{frame.header}{frame.text}",
-            (frame.source, frame.target),
-            (self.address, self.host_address),
-        )
+        description = f"{frame.header}{frame.text}"
+        pair = (frame.source, frame.target)
+        own = (self.address, self.host_address)
         expected = [(None, None)] if self.address is None else [own, own[::-1], *self._moving]
         if pair in expected:
             return f"{description}, which is no answer to it"
         if frame.source is None:
             return f"{description} without an address, not from address {self.address:02d}"
-        other = next((one for one in pair if one not in own), frame.source)
+        other = next((address for address in pair if address not in own), frame.source)
         asked = "though no address is used" if self.address is None else f"not {self.address:02d}"
         return f"{description} from address {other:02d}, {asked}"
 
@@ -413,13 +482,8 @@ class Dialogue:
         """Return True if the addresses, in either order, are this station's. The check byte is the
         same for both orders (B-6).
         """
-        pair, ordered = (
-            (frame.source, frame.target),
-            (
-                self.address,
-                None if self.address is None else self.host_address,
-            ),
-        )
+        pair = (frame.source, frame.target)
+        ordered = (self.address, None if self.address is None else self.host_address)
         if pair == ordered:
             return True
         if pair == ordered[::-1]:
@@ -463,16 +527,17 @@ class Dialogue:
         self.contradicted = None
         self.now = self.heard = now
         self._settled()
-        self._answered = None
         if not self._answer_from_station:
             self.anomalies.counts[6] += 1
         if question.is_write:
+            self._answered = None
             return
         self.data = data
-        self._lost.discard(question.code)
-        if self._is_only_one:
-            self._answered = question
-        took, seen = now - self.sent - wire_s, self.turnaround_s
+        self._answered = question if self._is_only_one else None
+        if self._lost:
+            self._lost.discard(question.code)
+        took = now - self.sent - wire_s
+        seen = self.turnaround_s
         if took < 0.0:
             took = 0.0
         if seen is not None and took <= seen:
@@ -515,17 +580,18 @@ class Dialogue:
         doubted = self._doubted
         if len(doubted) > 1:
             del doubted[: doubted.index(self._pending) + 1]
+            self._is_overdue = bool(doubted)
         else:
             doubted.clear()
-        self._is_overdue = bool(doubted)
+            self._is_overdue = False
 
-    def _drain(self) -> Steps[None]:
+    async def _drain(self) -> None:
         """Listen until the link has been quiet long enough for any late answer."""
         quiet = max(QUIET_S, self.turnaround_s or 0.0) + self.line.seconds(4)
         # on a link that is never quiet the next request fails
         end = self.now + min(50 * quiet, 2 * MOST_S)
         while self.now < end:
-            heard = yield Listen(self.now + quiet)
+            heard = await listen(self.now + quiet)
             self.now = heard.now
             self.flow.came(heard.now, len(heard.data))
             if not heard.data:

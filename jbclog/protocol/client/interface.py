@@ -11,7 +11,7 @@ from math import inf
 from typing import Final, NamedTuple, Protocol
 
 from jbclog.core.errors import LinkFlooded
-from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
+from jbclog.core.io_requests import IoResult, wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 
@@ -40,8 +40,8 @@ QUIET_S: Final = 0.25
 class FloodDetector:
     """Detects floods on one link. `is_flooded`: the last complete second was a flood.
 
-    Before `quiet_until` an answer of exactly the due bytes cannot be part of a flood; adding them
-    to `in_order` is equivalent to `came` and cheaper.
+    Before `quiet_until` bytes that are due cannot be part of a flood. An answer of exactly the due
+    bytes is then only added to `in_order`.
     """
 
     __slots__ = (
@@ -69,9 +69,16 @@ class FloodDetector:
         """Count `size` bytes received at `now` (monotonic seconds) for a request with an answer of
         `due` bytes; return True if no answer among them may be accepted.
         """
-        self._came += size + self.in_order
-        self._due += due + self.in_order
+        if size == due and now < self.quiet_until:
+            self.in_order += size
+            return False
+        came = self._came + size + self.in_order
+        due += self._due + self.in_order
+        self._came = came
+        self._due = due
         self.in_order = 0
+        if now < self.quiet_until and came <= due:
+            return False
         begun = self._begun
         if begun is None:
             self._begun = begun = now
@@ -118,10 +125,10 @@ class FloodDetector:
         self._came = self._due = 0
 
 
-def expect_quiet(client: Client) -> Steps[None]:
+async def expect_quiet(client: Client) -> None:
     """Listen on a reopened link that was flooded. Raises `LinkFlooded` if it still is."""
     began = client.now
-    heard = yield Wait(began + QUIET_S)
+    heard = await wait(began + QUIET_S)
     client.unasked(heard)
     seconds = max(heard.now - began, QUIET_S)
     limit = round(MOST_TIMES * LEAST_DUE * seconds)
@@ -193,6 +200,10 @@ def ignore_end(_is_answered: bool) -> None:
     """Do nothing at the end of an exchange."""
 
 
+def ignore_interruption() -> None:
+    """Do nothing while an answer is awaited."""
+
+
 class PreparedRead(Protocol):
     """A read prepared once and sent often; opaque except for its command, duration and name."""
 
@@ -207,7 +218,7 @@ class PreparedRead(Protocol):
 
 
 class Client(Protocol):
-    """A client of one station, as generators without I/O (`core.io_requests`).
+    """A client of one station, as coroutines without I/O (`core.io_requests`).
 
     Times are monotonic seconds. `sent` and `heard`: the last request was sent, its answer complete.
     `now`: time of the last result. `first_sent`: `ask` first sent something since the session set
@@ -217,7 +228,9 @@ class Client(Protocol):
     when an exchange has ended, with False if nothing came, while `heard` and `data` are still those
     of the last one. Once anything has come, no further answer to the last one is looked for.
     `contradicted` is the last
-    accepted answer if another one contradicts it.
+    accepted answer if another one contradicts it. If a request would wait for its answer beyond
+    `interrupt_at` (inf: never), `interrupt` is called then, once, and the waiting continues; an
+    OMEGA may answer later than that, and its client does not interrupt.
     """
 
     permit: Permit
@@ -232,6 +245,8 @@ class Client(Protocol):
     anomalies: Anomalies
     flow: FloodDetector
     ended: Callable[[bool], None]
+    interrupt_at: float
+    interrupt: Callable[[], None]
     contradicted: Contradiction | None
 
     @property
@@ -243,41 +258,17 @@ class Client(Protocol):
     ) -> PreparedRead:
         """Prepare a read of `command`."""
 
-    def read(
+    async def read(
         self, command: Command, port: int | None = None, tool: int | None = None
-    ) -> Steps[Value]:
+    ) -> Value:
         """Read a value. Raises `StationError` if no try succeeds, `StationSilent` if the station is
         silent.
         """
 
-    def request(self, question: PreparedRead) -> Ask | None:
-        """Begin a prepared read and return the request to send; None if nothing was begun, so that
-        `ask` has to be used.
+    async def ask(self, question: PreparedRead) -> Value:
+        """Read a value by a prepared read of this client. Raises as `read` does."""
 
-        `request` and `value` are `ask` without the cost of a generator, for the usual answer.
-        """
-
-    def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        """Return the value if the result of `request` is exactly the answer. If None, continue with
-        ``ask(question, heard)``.
-        """
-
-    def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
-        """Return the request for the remaining bytes if `heard` is part of an answer and nothing
-        else. If None, continue with ``ask(question, heard)``.
-        """
-
-    def completed(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        """Return the value if `heard`, the result of `rest`, completes the answer exactly. If None,
-        continue with `rest` or ``ask(question, heard)``.
-        """
-
-    def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
-        """Read a value by a prepared read of this client; `heard` is the last result of `request`
-        or `rest`.
-        """
-
-    def write(
+    async def write(
         self,
         command: Command,
         value: Value,
@@ -286,7 +277,7 @@ class Client(Protocol):
         *,
         hurry: bool = False,
         once: bool = False,
-    ) -> Steps[None]:
+    ) -> None:
         """Write a value. An acknowledgement proves nothing: read back. With `hurry`, wait for it no
         longer than for a read.
 

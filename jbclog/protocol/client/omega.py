@@ -20,7 +20,7 @@ The rules:
 6. A second, different answer to the last question contradicts the first, as in `dialogue.py`.
 7. The time-out is transmission time plus `ALLOWED_S`; 003, 11.1 prints 0 to 250 ms.
 
-Everything here is a generator without I/O (`core.io_requests`).
+Everything that waits is a coroutine without I/O (`core.io_requests`).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from typing import NamedTuple
 
 from jbclog.core.errors import (
@@ -39,7 +40,7 @@ from jbclog.core.errors import (
     StationError,
     StationSilent,
 )
-from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
+from jbclog.core.io_requests import IoResult, ask, listen
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import FRAMING, LineFormat
 from jbclog.protocol.client.interface import (
@@ -49,6 +50,7 @@ from jbclog.protocol.client.interface import (
     Permit,
     PreparedRead,
     ignore_end,
+    ignore_interruption,
     permit_all,
 )
 from jbclog.protocol.commands.command import Command
@@ -130,6 +132,8 @@ class OmegaStation:
         self.flow = FloodDetector()
         self.contradicted: Contradiction | None = None
         self.ended: Callable[[bool], None] = ignore_end
+        self.interrupt_at = inf
+        self.interrupt: Callable[[], None] = ignore_interruption
         self.completions: list[Completion] = []
         self.without_digit: set[str] = set()  # letters of answers that came without their digit
         self._reader = OmegaReader()
@@ -146,39 +150,26 @@ class OmegaStation:
     def garbage_bytes(self) -> int:
         return self._reader.garbage
 
-    def read(
+    async def read(
         self, command: Command, port: int | None = None, tool: int | None = None
-    ) -> Steps[Value]:
-        return self.ask(self.question(command, port, tool))
+    ) -> Value:
+        return await self.ask(self.question(command, port, tool))
 
-    def request(self, question: PreparedRead) -> None:
-        """Return None: at OMEGA's rate the fast path gains nothing."""
-
-    def value(self, question: PreparedRead, heard: IoResult) -> None:
-        """Return None, because `request` begins nothing."""
-
-    def rest(self, question: PreparedRead, heard: IoResult) -> None:
-        """Return None, because `request` begins nothing."""
-
-    def completed(self, question: PreparedRead, heard: IoResult) -> None:
-        """Return None, because `request` begins nothing."""
-
-    def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
+    async def ask(self, question: PreparedRead) -> Value:
         """Read a value by a prepared read. Raises `Ignored` if only this request is not
         answered.
         """
         assert isinstance(question, OmegaQuestion)
-        assert heard is None
         failures: list[StationError] = []
         is_proven = False  # another request was answered after a silence
         for _ in range(question.tries):
             if self._is_doubted(question.letter):
-                if not (yield from self._settle(question.letter)):
-                    yield from self._listen_until(self._doubted[question.letter])
+                if not await self._settle(question.letter):
+                    await self._listen_until(self._doubted[question.letter])
             elif question.letter == self._last:
-                yield from self._listen_until(self.heard + QUIET_S)
+                await self._listen_until(self.heard + QUIET_S)
             try:
-                yield from self._exchange(question)
+                await self._exchange(question)
                 self._note_length(question)
                 return question.command.quantity.decode(self.data)
             except ValueError as error:  # a complete answer, so none is on its way
@@ -188,7 +179,7 @@ class OmegaStation:
                 if self._answered == {question.letter}:
                     # no other request to send: wait until no answer can arrive
                     continue
-                is_proven = yield from self._settle(question.letter)
+                is_proven = await self._settle(question.letter)
                 if not is_proven:
                     raise StationSilent(
                         f"no answer to {question.title()}, and none to anything else"
@@ -202,7 +193,7 @@ class OmegaStation:
             " anything else"
         )
 
-    def write(
+    async def write(
         self,
         command: Command,
         value: Value,
@@ -211,7 +202,7 @@ class OmegaStation:
         *,
         hurry: bool = False,
         once: bool = False,
-    ) -> Steps[None]:
+    ) -> None:
         """Write a value, always once. An acknowledgement proves nothing: read back. `hurry` has no
         effect.
 
@@ -224,15 +215,15 @@ class OmegaStation:
         )
         known = len(self.completions)
         try:
-            yield from self._exchange(question, is_read=False)
+            await self._exchange(question, is_read=False)
         except AnswerTimeout as error:
-            if not (yield from self._settle(question.letter)):
+            if not await self._settle(question.letter):
                 raise StationSilent(
                     f"no answer to {question.title()}, and none to anything else"
                 ) from error
             if question.letter not in COMPLETION_MESSAGES:
                 raise _ignored(question) from error
-            yield from self._await_completion(question, known)
+            await self._await_completion(question, known)
 
     def unasked(self, heard: IoResult) -> None:
         """Register bytes received without a request, and their time."""
@@ -254,7 +245,9 @@ class OmegaStation:
         return known
 
     def _shape(self, command: Command, text: str, answer: str) -> OmegaQuestion:
-        frame, digits, number = encode(text), command.answer_digits, text[1:5]
+        frame = encode(text)
+        digits = command.answer_digits
+        number = text[1:5]
         length = FRAMING + 1 + (RECORD if digits is None else digits)
         wire_s = self.line.seconds(len(frame) + length)
         name = command.name.replace("_", " ") + (f" {int(number, 16)}" if number else "")
@@ -273,7 +266,7 @@ class OmegaStation:
         """Return True if an answer with this letter may still arrive."""
         return self._doubted.get(letter, self.now) > self.now
 
-    def _settle(self, letter: str) -> Steps[bool]:
+    async def _settle(self, letter: str) -> bool:
         """Get a probe answered, so that no answer with `letter` is on its way; return False if none
         is answered.
         """
@@ -287,7 +280,7 @@ class OmegaStation:
             others = [probe for probe in others if probe.letter in self._answered]
         for probe in others[:PROBES]:
             try:
-                yield from self._exchange(probe)
+                await self._exchange(probe)
                 return True
             except AnswerContradicted:
                 return True
@@ -295,10 +288,10 @@ class OmegaStation:
                 continue
         return False
 
-    def _listen_until(self, moment: float) -> Steps[None]:
+    async def _listen_until(self, moment: float) -> None:
         """Send nothing before `moment`; bytes until then answer nothing."""
         while self.now < moment:
-            heard = yield Listen(moment)
+            heard = await listen(moment)
             self._hear(heard)
             self._sort(None, heard)
 
@@ -306,16 +299,17 @@ class OmegaStation:
         """Return the time-out of a request, from the moment it is sent."""
         return question.wire_s + min(max(ALLOWED_S, 2 * self.turnaround_s), MOST_S)
 
-    def _exchange(self, question: OmegaQuestion, *, is_read: bool = True) -> Steps[None]:
+    async def _exchange(self, question: OmegaQuestion, *, is_read: bool = True) -> None:
         """Send a request; put the text after its answer's letter into `data`. Raises
         `UNCERTAIN`.
         """
         self.flow.expect_none()
         patience_s = self.patience_s(question)
-        heard = yield Ask(question.frame, patience_s)
+        heard = await ask(question.frame, patience_s)
         self.flow.came(heard.now, len(heard.data), question.answer_length)
         self.exchanges += 1
-        self.sent, until = heard.sent, heard.sent + patience_s
+        self.sent = heard.sent
+        until = heard.sent + patience_s
         if self.first_sent is None:
             self.first_sent = heard.sent
         unanswered: StationError = AnswerTimeout(
@@ -325,18 +319,19 @@ class OmegaStation:
             self.flow.expect_none()
             self.now = heard.now
             try:
-                found = self._sort(question, heard)
+                answers = self._sort(question, heard)
             except UNCERTAIN as error:
-                unanswered, found = error, []
-            if found:
-                self._note_answer(question, heard.now, found[0], is_read=is_read)
-                for data in found[1:]:
+                unanswered = error
+                answers = []
+            if answers:
+                self._note_answer(question, heard.now, answers[0], is_read=is_read)
+                for data in answers[1:]:
                     self._compare(question.letter + data)
                 if self.contradicted is not None:
                     self.contradicted = None
                     raise AnswerContradicted(f"{question.title()}: two answers came together")
                 return
-            heard = yield Listen(until)
+            heard = await listen(until)
             self.flow.came(heard.now, len(heard.data))
         is_silent = isinstance(unanswered, AnswerTimeout)
         self.ended(not is_silent)
@@ -356,24 +351,24 @@ class OmegaStation:
         """
         answers: list[str] = []
         damaged: StationError | None = None
-        for found in self._reader.feed(heard.data):
+        for text in self._reader.feed(heard.data):
             if self.flow.is_suspect:
                 self.strays["flood"] += 1
-            elif isinstance(found, CorruptFrame):
+            elif isinstance(text, CorruptFrame):
                 self.strays["sum"] += 1
-                damaged = AnswerCorrupt(f"wrong sum in {found.raw.hex(' ')}")
-            elif found in COMPLETION_MESSAGES:
-                self.completions.append(Completion(heard.now, found))
+                damaged = AnswerCorrupt(f"wrong sum in {text.raw.hex(' ')}")
+            elif text in COMPLETION_MESSAGES:
+                self.completions.append(Completion(heard.now, text))
                 if question is not None and question.letter in COMPLETION_MESSAGES:
                     answers.append("")
-            elif question is None or not found.startswith(question.answer):
-                self.strays[self._kind_of(found, asked=question is not None)] += 1
-                self._compare(found)
-            elif question.fits(found):
-                answers.append(found[1:])
+            elif question is None or not text.startswith(question.answer):
+                self.strays[self._kind_of(text, asked=question is not None)] += 1
+                self._compare(text)
+            elif question.fits(text):
+                answers.append(text[1:])
             else:
                 damaged = AnswerFormat(
-                    f"{question.title()}: {len(found) - 1} characters behind the letter of {found}"
+                    f"{question.title()}: {len(text) - 1} characters behind the letter of {text}"
                 )
         if question is not None and damaged is not None and not answers:
             raise damaged
@@ -422,7 +417,7 @@ class OmegaStation:
             self.contradicted = Contradiction(question.command, self.heard)
             self._last_read = None
 
-    def _await_completion(self, question: OmegaQuestion, known: int) -> Steps[None]:
+    async def _await_completion(self, question: OmegaQuestion, known: int) -> None:
         """Wait for h or i, probing now and then.
 
         Raises `AnswerTimeout` if neither comes: a joint may still be in progress.
@@ -434,10 +429,10 @@ class OmegaStation:
                     f"{question.title()}: neither h nor i within {COMPLETION_S:g} s; an unknown"
                     " number is ignored without an answer"
                 )
-            heard = yield Listen(min(end, self.now + LOOK_S))
+            heard = await listen(min(end, self.now + LOOK_S))
             self._hear(heard)
             self._sort(None, heard)
-            if not heard.data and not (yield from self._settle(question.letter)):
+            if not heard.data and not await self._settle(question.letter):
                 raise StationSilent(
                     f"{question.title()}: sent, but the controller does not answer any more"
                 )

@@ -16,8 +16,8 @@ The rules:
 4. W-HD may be acknowledged as ALD (docs/reference/contradictions.md, B-53) under the first two of
    these conditions; reading back proves it.
 
-`dialogue.py` separates an answer from everything else on the link. Everything here is a generator
-without I/O.
+`dialogue.py` separates an answer from everything else on the link. Everything that waits is a
+coroutine without I/O.
 """
 
 from __future__ import annotations
@@ -36,11 +36,10 @@ from jbclog.core.errors import (
     StationError,
     StationSilent,
 )
-from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
+from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import (
-    FAST_S,
     LEAST_S,
     REPEATS,
     AnsweredByOtherCode,
@@ -78,159 +77,62 @@ class Station(Dialogue):
     link without addresses.
     """
 
+    __slots__ = ("_padded", "_takes_bare", "_without_data", "permit")
+
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
         super().__init__(line, address, host_address)
         self.permit: Permit = permit_all
         self._padded: Question | None = None  # R-TT with a blank, if the station needs it
         self._takes_bare = False  # the station answered R-TT without a blank
-        self._own_code: set[str] = set()  # codes answered under their own letters
         self._without_data: set[str] = set()  # orders that this station accepts only without data
 
     @property
     def garbage_bytes(self) -> int:
         return self._reader.garbage
 
-    def read(
+    async def read(
         self, command: Command, port: int | None = None, tool: int | None = None
-    ) -> Steps[Value]:
-        return self.ask(self.question(command, port, tool))
+    ) -> Value:
+        return await self.ask(self.question(command, port, tool))
 
-    # `request`, `value`, `rest` and `completed` are the fast path of `ask`, without a generator,
-    # for nearly all answers (`interface.Client`). Comments in them name the methods of `Dialogue`
-    # that they inline; anything unusual goes through those.
-
-    def request(self, question: PreparedRead) -> Ask | None:
+    def ask(self, question: PreparedRead) -> Steps[Value]:
+        """Read a value by a prepared read."""
         assert isinstance(question, Question)
-        seen = self.turnaround_s
-        if (
-            self._doubted
-            or self._lost
-            or question.is_short
-            or seen is None
-            or seen > FAST_S
-            or self._reader.held
-            or self.flow.found is not None
-        ):
-            return self._unusual_request(question)
-        # `_begin`, when nothing is in doubt, buffered or slow
-        self._last, self._pending, self._is_clear = self._pending, question.code, True
-        self._is_only_one = True
-        self._doubted.append(question.code)
-        self._request = request = question.usual
-        return request
+        return self._ask_short(question) if question.is_short else self._ask(question)
 
-    def _unusual_request(self, question: Question) -> Ask | None:
-        if question.is_short or question.code in self._doubted or self.flow.found is not None:
-            return None
-        return self._begin(question)
-
-    def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        assert isinstance(question, Question)
-        answer = question.known.get(heard.data)
-        now, seen, flow = heard.now, self.turnaround_s, self.flow
-        if answer is None or seen is None or now >= flow.quiet_until or not self._is_only_one:
-            return self._unusual_value(question, heard)
-        # `_count` and `_note_answer`, for a plain answer, when none to an earlier request can be on
-        # its way
-        self.ended(True)
-        self.contradicted = None
-        self.exchanges += 1
-        flow.in_order += question.answer_length
-        self.now = self.heard = now
-        self.sent = sent = heard.sent
-        self._doubted.clear()
-        self._is_overdue = False
-        took = now - sent - question.wire_s
-        if took < 0.0:
-            took = 0.0
-        self.turnaround_s = took if took > seen else seen * 0.999 + took * 0.001
-        if not self._answer_from_station:
-            self.anomalies.counts[6] += 1
-        self._answered = question
-        self.data, value = answer
-        return value
-
-    def _unusual_value(self, question: Question, heard: IoResult) -> Value | None:
-        if self._count(question, heard):
-            return None
-        return self._answer(question, heard.data, heard.now)
-
-    def _answer(self, question: Question, data: bytes, now: float) -> Value | None:
-        """Return the value if `data`, whose last byte arrived at `now`, is exactly the answer."""
-        answer = question.known.get(data) or question.answer_in(data)
-        if answer is None:
-            return None
-        text, value = answer
-        self._note_answer(now, question, question.wire_s, text)
-        if question.odd or question.also:
-            self._note_form(question, text)
-        return value
-
-    def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
-        # `_gather`, when a piece completes no frame and contains nothing to drop
-        if not heard.data or self.flow.found is not None or not self._reader.keep(heard.data):
-            return None
-        self.now = heard.now
-        return Listen(heard.sent + self._request.patience_s)
-
-    def completed(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        assert isinstance(question, Question)
-        data = self._reader.held + heard.data
-        if self.flow.came(heard.now, len(heard.data)) or self.flow.found is not None:
-            return None
-        if len(data) < question.answer_length:
-            return None
-        answer = self._answer(question, data, heard.now)
-        if answer is not None:
-            self._reader.held = b""
-        return answer
-
-    def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
-        """Read a value by a prepared read, from its start or from the result of `request`."""
-        assert isinstance(question, Question)
-        return self._ask_short(question) if question.is_short else self._ask(question, heard)
-
-    def _ask(self, question: Question, heard: IoResult | None = None) -> Steps[Value]:
-        """Ask until an answer is accepted, at most `question.tries` times; `heard` is the result of
-        the first request, if already sent.
-        """
-        tries, last_data = question.tries, None
-        while True:
-            tries -= 1
-            if heard is None and question.code in self._doubted:
-                yield from self._settle(question)
+    async def _ask(self, question: Question) -> Value:
+        """Ask until an answer is accepted, at most `question.tries` times."""
+        last_data = None
+        tries_left = question.tries
+        while tries_left:
+            tries_left -= 1
+            if question.code in self._doubted:
+                await self._settle(question)
             try:
-                text = yield from self._exchange(question, heard)
-                value = question.value_of(text)
+                data = await self._exchange(question)
+                value, odd = question.decoded.get(data) or question.decode(data)
             except ValueError as error:  # a complete answer, so none is on its way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
             except AnsweredByOtherCode as error:
                 if error.data == last_data:
                     return self._accept_repeated(question, error.data)
-                last_data, failure = error.data, error
+                last_data = error.data
+                failure = error
                 self._is_overdue = True  # drain the link first
             except (*UNCERTAIN, NotReceived) as error:
                 failure = error
             except Refusal as error:
-                if error.code not in UNDEFINED_ERRORS or tries < REPEATS:  # once more
+                if error.code not in UNDEFINED_ERRORS or tries_left < REPEATS:  # once more
                     raise
                 failure = error
             else:
-                if question.odd or question.also:
-                    self._note_form(question, text)
+                if odd is not None:
+                    self._note_anomaly(odd, question, data)
+                question.also = ""  # it has used its own letters: no others are accepted
                 return value
-            heard = None
-            if not tries:
+            if not tries_left:
                 raise failure
-
-    def _note_form(self, question: Question, text: str) -> None:
-        """Count an odd form. Once a station has used its own letters, no others are accepted."""
-        row = question.odd_row(text)
-        if row is not None:
-            self._note_anomaly(row, question, text)
-        if question.also:
-            self._own_code.add(question.code)
-            question.also = ""
+        raise AssertionError("no try at all")
 
     def _accept_repeated(self, question: Question, data: str) -> Value:
         """Accept an answer that came twice under the letters of another command."""
@@ -238,11 +140,12 @@ class Station(Dialogue):
         self.data = data
         self._note_anomaly(question.also_number, question, f"A{question.also}{data}")
         try:
-            return question.value_of(data)
+            value, _ = question.decode(data)
         except ValueError as error:
             raise AnswerFormat(f"{question.title()}: {error}") from error
+        return value
 
-    def write(
+    async def write(
         self,
         command: Command,
         value: Value,
@@ -251,7 +154,7 @@ class Station(Dialogue):
         *,
         hurry: bool = False,
         once: bool = False,
-    ) -> Steps[None]:
+    ) -> None:
         """Write a value. An acknowledgement proves nothing: read back. With `hurry`, wait for it no
         longer than for a read.
 
@@ -269,11 +172,11 @@ class Station(Dialogue):
         if hurry:
             question.least_s = LEAST_S
         try:
-            yield from self._write(question, again=command.effect is Effect.NONE and not once)
+            await self._write(question, again=command.effect is Effect.NONE and not once)
         except NotReceived as refusal:
             if refusal.code != BADLY_FORMED or not data or command.name not in WITHOUT_DATA:
                 raise
-            yield from self._write_without_data(command)
+            await self._write_without_data(command)
         except OutOfRange:
             if (command.name, data) == EXTRACTOR_ORDER:
                 self._note_anomaly(19, question, data)
@@ -281,19 +184,19 @@ class Station(Dialogue):
         finally:
             self._moving = ()
 
-    def _write(self, question: Question, *, again: bool) -> Steps[None]:
+    async def _write(self, question: Question, *, again: bool) -> None:
         """Send a write. `again`: repeat one that was not understood, and so not executed."""
         for tries_left in reversed(range(1 + REPEATS if again else 1)):
             try:
-                yield from self._exchange(question)
+                await self._exchange(question)
                 return
             except NotReceived:
                 if not tries_left:
                     raise
 
-    def _write_without_data(self, command: Command) -> Steps[None]:
+    async def _write_without_data(self, command: Command) -> None:
         question = self._make(command, "W", None, None)
-        yield from self._write(question, again=False)
+        await self._write(question, again=False)
         self._without_data.add(command.name)
         self._note_anomaly(WITHOUT_DATA[command.name], question, f"W{question.code}")
 
@@ -326,16 +229,16 @@ class Station(Dialogue):
             self.strays["unasked"] += 1
             self._look_behind(self._reader.feed(heard.data))
 
-    def _ask_short(self, question: Question) -> Steps[Value]:
+    async def _ask_short(self, question: Question) -> Value:
         """Send R-TT bare; if it was never answered and is refused or times out, send it with a
         blank (B-10).
         """
         if self._padded is not None:
-            value = yield from self._ask(self._padded)
+            value = await self._ask(self._padded)
             self.anomalies.counts[10] += 1
             return value
         try:
-            value = yield from self._ask(question)
+            value = await self._ask(question)
         except (NotReceived, NotSupported, AnswerTimeout) as error:
             if (
                 self._takes_bare
@@ -343,15 +246,15 @@ class Station(Dialogue):
                 or getattr(error, "code", 0) == 1
             ):
                 raise
-            return (yield from self._ask_padded(question, error))
+            return await self._ask_padded(question, error)
         self._takes_bare = True
         return value
 
-    def _ask_padded(self, question: Question, why: StationError) -> Steps[Value]:
+    async def _ask_padded(self, question: Question, why: StationError) -> Value:
         padded = self._make(question.command, "R", None, None, " ")
         padded.tries = 1
         try:
-            value = yield from self._ask(padded)
+            value = await self._ask(padded)
         except StationSilent:
             raise
         except StationError as error:
@@ -365,7 +268,7 @@ class Station(Dialogue):
         self._note_anomaly(10, question, f"R{question.code} ")
         return value
 
-    def _settle(self, doubted: Question) -> Steps[None]:
+    async def _settle(self, doubted: Question) -> None:
         """Ensure that no answer to `doubted` is on its way: drain the link if one is overdue, then
         get a probe answered.
 
@@ -380,9 +283,9 @@ class Station(Dialogue):
         most = MOST_ROUNDS * PROBES + len(self._doubted)
         for probe in islice(cycle(self._probes(doubted.code)), most):
             if self._is_overdue:
-                yield from self._drain()
+                await self._drain()
             try:
-                yield from self._exchange(probe)
+                await self._exchange(probe)
             except (Refusal, AnswerContradicted):
                 pass  # they prove it as well
             except UNCERTAIN as error:

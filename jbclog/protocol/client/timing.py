@@ -8,7 +8,7 @@ from statistics import median
 from typing import NamedTuple
 
 from jbclog.core.errors import AnswerTimeout, NotSupported, Refusal, StationError, StationSilent
-from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.io_requests import wait
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import SETTLE_S
 from jbclog.protocol.client.interface import Client, PreparedRead
@@ -84,14 +84,14 @@ class ResponseTime:
         )
 
 
-def response_time(
+async def response_time(
     client: Client,
     family: Family,
     port: int,
     seen: Sequence[AnswerTime] = (),
     *,
     apart_s: float = 0.0,
-) -> Steps[tuple[ResponseTime | None, int]]:
+) -> tuple[ResponseTime | None, int]:
     """Measure the response time with `READS` harmless reads, each `apart_s` after the previous
     answer. Returns the response time, None without any answer, and the number of answers.
 
@@ -100,25 +100,29 @@ def response_time(
     `LEAST_READS` beside `LEAST_ANSWERED` or more. Skips and names commands that the station does
     not support. Stops once `LEAST_ANSWERED` is out of reach.
     """
-    names, ignored = list(family.harmless), list[str]()
+    names = list(family.harmless)
+    ignored = list[str]()
     if seen:
         names.sort(key=family.is_fast, reverse=True)
-    heard, asked, lost = list[AnswerTime](), 0, 0
+    heard = list[AnswerTime]()
+    asked = 0
+    lost = 0
     enough = LEAST_READS if len(seen) >= LEAST_ANSWERED else READS - len(seen)
     while names and asked < (READS if lost else enough) and lost <= READS - LEAST_ANSWERED:
         name = names[0 if seen else asked % len(names)]
-        question = _question(client, family, name, port)
+        command = family.commands[name]
+        question = client.question(command, None if command.scope is Scope.STATION else port)
         if apart_s:
-            client.unasked((yield Wait(client.now + apart_s)))
+            client.unasked(await wait(client.now + apart_s))
         try:
-            yield from client.ask(question)
+            await client.ask(question)
         except NotSupported:
             names.remove(name)
             ignored.append(name)
             continue
         except StationError:
             lost += 1
-            client.unasked((yield Wait(client.now + SETTLE_S)))
+            client.unasked(await wait(client.now + SETTLE_S))
         else:
             heard.append(answer_time(client, question))
         asked += 1
@@ -139,17 +143,12 @@ def _response_time_of(
     if not both:
         return None
     return ResponseTime(
-        tuple(sorted(one.response for one in both)),
-        median(one.whole for one in both),
-        median(one.wire for one in both),
+        tuple(sorted(answer.response for answer in both)),
+        median(answer.whole for answer in both),
+        median(answer.wire for answer in both),
         tuple(ignored),
-        min((one.response for one in heard), default=0.0),
+        min((answer.response for answer in heard), default=0.0),
     )
-
-
-def _question(client: Client, family: Family, name: str, port: int) -> PreparedRead:
-    command = family.commands[name]
-    return client.question(command, None if command.scope is Scope.STATION else port)
 
 
 # W-RST and W-SAD interrupt the link. Both are sent once. No manual prints their answer
@@ -163,51 +162,52 @@ SEEK_S = 0.5  # between two reads from a restarting station
 STEADY = 4  # answers in a row: it may answer for a moment before it restarts
 
 
-def restart(client: Client, command: Command) -> Steps[float]:
+async def restart(client: Client, command: Command) -> float:
     """Write W-RST once and wait until the station is back; return the seconds.
 
     Raises `Refusal` if the station refuses, and `StationSilent` if it does not come back.
     """
     began = client.now
     try:
-        yield from client.write(command, 0)
+        await client.write(command, 0)
     except Refusal:
         raise
     except StationError:  # equivalent to an acknowledgement
         client.anomalies.meet(NOT_ACKNOWLEDGED, "restart", f"W{command.code()} without an answer")
-    yield from settle_restart(client)
+    await settle_restart(client)
     return client.now - began
 
 
-def settle_restart(client: Client) -> Steps[None]:
+async def settle_restart(client: Client) -> None:
     """Wait until a restarting station answers steadily. Raises `StationSilent`."""
-    end, steady = client.now + BACK_S, 0
+    end = client.now + BACK_S
+    steady = 0
     while steady < STEADY:
         if client.now > end:
             raise StationSilent(f"no answer within {BACK_S:g} s of the restart")
-        client.unasked((yield Wait(client.now + SEEK_S)))
+        client.unasked(await wait(client.now + SEEK_S))
         try:
-            yield from client.read(MODEL)
+            await client.read(MODEL)
             steady += 1
         except StationError:
             steady = 0
 
 
-def change_address(station: Station, command: Command, address: int | None) -> Steps[None]:
+async def change_address(station: Station, command: Command, address: int | None) -> None:
     """Write W-SAD once and use the new address from then on; None means no addresses.
 
     Raises `Refusal` if the station refuses, and what `settle_address` raises.
     """
     try:
-        yield from station.write(command, address or 0)
+        await station.write(command, address or 0)
     except Refusal:
         raise
     except StationError:
         pass  # `settle_address` finds out
-    yield from settle_address(station, address)
+    await settle_address(station, address)
 
 
-def settle_address(station: Station, address: int | None) -> Steps[None]:
+async def settle_address(station: Station, address: int | None) -> None:
     """Confirm by R-SMN that the station answers at `address`.
 
     Raises `AnswerTimeout` if it does not. If it answers at its old address, `station` uses that
@@ -217,7 +217,7 @@ def settle_address(station: Station, address: int | None) -> Steps[None]:
     for tried in (address, old, address, old):  # it may still be storing the new address
         station.move_to(tried)
         try:
-            yield from station.read(MODEL)
+            await station.read(MODEL)
         except StationError:
             continue
         if tried == address:

@@ -68,7 +68,8 @@ class Limits:
         if self.low is None and self.high is None:
             text = "range not printed"
         else:
-            low, high = ("" if one is None else f"{one:g}" for one in (self.low, self.high))
+            low = "" if self.low is None else f"{self.low:g}"
+            high = "" if self.high is None else f"{self.high:g}"
             text = f"{low}..{high}"
         text += f" step {self.step:g}" if self.step else ""
         return text + (" or off" if self.off else "")

@@ -32,8 +32,8 @@ class Default:
 
 def values_of(defaults: Iterable[Default], model: str = "") -> dict[str, Value]:
     """Return the values by command; a row for the model overrides one for all."""
-    rows = [one for one in defaults if model.upper().startswith(one.model)]
-    return {one.command: one.value for one in sorted(rows, key=lambda one: len(one.model))}
+    rows = [row for row in defaults if model.upper().startswith(row.model)]
+    return {row.command: row.value for row in sorted(rows, key=lambda row: len(row.model))}
 
 
 def _printed(command: str, value: Value, printed: str, note: str = "") -> Default:
@@ -85,8 +85,8 @@ FEEDER_DEFAULTS = (
 )
 
 OLD_DEFAULTS = tuple(
-    replace(one, printed="", manual="", note="000 prints no factory settings")
-    for one in SOLDERING_DEFAULTS
+    replace(row, printed="", manual="", note="000 prints no factory settings")
+    for row in SOLDERING_DEFAULTS
 )
 
 AIR_DEFAULTS = tuple(

@@ -90,7 +90,9 @@ class Family:
     _of_signal: Mapping[str, Command] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        of_signal = {one.name: self.commands[one.command] for one in reversed(self.signals)}
+        of_signal = {
+            signal.name: self.commands[signal.command] for signal in reversed(self.signals)
+        }
         object.__setattr__(self, "_of_signal", of_signal)  # looked up at nearly every exchange
 
     def may_stand_at_last(self, safe_state: str) -> bool:
@@ -106,8 +108,8 @@ class Family:
         return self.tools.get(code, f"tool_{code}")
 
     def command_of(self, signal: str) -> Command | None:
-        """Return the command that fills the columns of `signal` (``temperature_c``, ``set_c``);
-        None if there is none.
+        """Return the command that fills the columns of `signal` (``temperature_c``,
+        ``setpoint_c``); None if there is none.
         """
         return self._of_signal.get(signal)
 
@@ -134,12 +136,13 @@ class Family:
 
     def signal_of(self, command: str) -> str | None:
         """Return the signal that `command` fills; None if there is none."""
-        return next((one.name for one in self.signals if one.command == command), None)
+        return next((signal.name for signal in self.signals if signal.command == command), None)
 
     def is_fast(self, command: str) -> bool:
         """Return True if `command` fills a signal that is read on every tick."""
         return any(
-            one.command == command and one.interval is ReadInterval.FAST for one in self.signals
+            signal.command == command and signal.interval is ReadInterval.FAST
+            for signal in self.signals
         )
 
     @property
@@ -321,10 +324,12 @@ def model_problem(family: Family, model: str) -> str | None:
 
 def foreign_reads(family: Family) -> Iterator[Command]:
     """Yield reads that only stations of another kind answer."""
-    kinds = {one.answered_by_kind: one for one in FAMILIES.values() if one.protocol != OMEGA}
-    for names, one in kinds.items():
+    kinds = {
+        member.answered_by_kind: member for member in FAMILIES.values() if member.protocol != OMEGA
+    }
+    for names, member in kinds.items():
         if names != family.answered_by_kind:
-            yield from (one.commands[name] for name in names)
+            yield from (member.commands[name] for name in names)
 
 
 def accept_line(model: str) -> str:

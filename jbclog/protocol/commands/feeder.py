@@ -56,7 +56,9 @@ FEEDER = (
         "002 R-WCD, W-WCD",
         note="whether detection is on, not a clog",
     ),
-    _feeder("feeding", "FEE", Choice(tuple(one.value for one in FeederState)), "002 R-FEE", "r"),
+    _feeder(
+        "feeding", "FEE", Choice(tuple(state.value for state in FeederState)), "002 R-FEE", "r"
+    ),
     order("start_feeding", "STR", "002 W-STR", "B-37: data 00000", Effect.MOVES),
     order("stop_feeding", "STP", "002 W-STP", "B-37: data 00000", Effect.STOPS),
 )

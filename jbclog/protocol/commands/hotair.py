@@ -251,7 +251,7 @@ AIR_SIGNALS = (
     STATUS,
     Signal("external_temperature", ("external_c",), ReadInterval.FAST),
     Signal("port_error", ("port_error",), ReadInterval.ALARMS),
-    Signal("selected_air_temperature", ("set_c",), ReadInterval.FIVE),
+    Signal("selected_air_temperature", ("setpoint_c",), ReadInterval.FIVE),
     Signal("selected_air_flow", ("set_flow_permille",), ReadInterval.FIVE),
     Signal("tool", ("tool",), ReadInterval.FIVE),
     Signal("station_error", ("station_error",), ReadInterval.FIVE),

@@ -102,14 +102,11 @@ class StoredRecord(CompoundValue):
 
     def values(self) -> Iterator[tuple[str, str, str]]:
         """Yield name, unit and value as text of every field but the number."""
-        for one in fields(self):  # type: ignore[arg-type]  # each class below is a dataclass
-            if one.name != "condition":
-                value = getattr(self, one.name)
-                yield (
-                    one.name,
-                    _unit(one.name),
-                    f"{value:.1f}" if isinstance(value, float) else str(value),
-                )
+        for column in fields(self):  # type: ignore[arg-type]  # each class below is a dataclass
+            if column.name != "condition":
+                value = getattr(self, column.name)
+                text = f"{value:.1f}" if isinstance(value, float) else str(value)
+                yield column.name, _unit(column.name), text
 
     def __str__(self) -> str:
         values = ", ".join(f"{name} {text}" for name, _, text in self.values())
@@ -196,7 +193,7 @@ class StoredCondition:
                 return _head(value) + _field(value.set_temperature_raw) + _field(value.process_raw)
             case ConditionRecord() if 0 <= value.mode < SET_TEMPERATURE:
                 return _head(value) + "".join(
-                    _raw(getattr(value, one.name)) for one in fields(value)[2:]
+                    _raw(getattr(value, column.name)) for column in fields(value)[2:]
                 )
         raise ValueError(f"{value} is no solder condition of a known mode")
 

@@ -59,9 +59,8 @@ def allowed(command: Command) -> str:
         return CONDITIONS
     off = ', or "off"' if limits.off else ""
     if not limits.printed:
-        return (
-            "its manual prints no range" if command.inferred else "no manual prints a range"
-        ) + off
+        manual = "its manual prints no range" if command.inferred else "no manual prints a range"
+        return manual + off
     if limits.low is None and limits.high is None:
         if not limits.step:
             return "anything"
@@ -81,15 +80,15 @@ def _usual(limits: Limits, unit: str) -> str:
 
 def _range(limits: Limits, unit: str) -> str:
     """Describe a range: ``5 °C or more, in steps of 5``."""
-    low, high = (None if end is None else f"{end:g}" for end in (limits.low, limits.high))
-    text = (
-        f"{low} to {high}{unit}"
-        if low and high
-        else f"{low}{unit} or more"
-        if low
-        else f"{high}{unit} or less"
-    )
-    return text + (f", in steps of {limits.step:g}" if limits.step else "")
+    if limits.low is not None and limits.high is not None:
+        text = f"{limits.low:g} to {limits.high:g}{unit}"
+    elif limits.low is not None:
+        text = f"{limits.low:g}{unit} or more"
+    else:
+        text = f"{limits.high:g}{unit} or less"
+    if limits.step:
+        text += f", in steps of {limits.step:g}"
+    return text
 
 
 def _as_written(value: Value, unit: str) -> str:
@@ -126,7 +125,9 @@ def plausibility_check(signal: str | None, family: Family) -> Possible | None:
         return lambda value: (
             value in NO_COUNTDOWN or (isinstance(value, int) and 0 <= value <= longest_s)
         )
-    return (lambda value: is_share(value, 1000)) if signal == "power_permille" else None
+    if signal == "power_permille":
+        return lambda value: is_share(value, 1000)
+    return None
 
 
 def longest_countdown_s(family: Family) -> float:

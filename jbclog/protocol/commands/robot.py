@@ -248,7 +248,7 @@ def _old(name: str, manual: str, note: str = "", limits: Limits | None = None) -
     """Return a setting as 000 prints it: without range, step or unit of a delay, only the lowest
     number (3.1). The rest is inferred from 002.
     """
-    newer = next(one for one in SETTINGS if one.name == name)
+    newer = next(command for command in SETTINGS if command.name == name)
     source, known = newer.manual, newer.limits
     if newer.inferred is FACTORY_RANGE:
         source, known = f"{source}, Factory Settings", replace(FACTORY_RANGE.limits, step=5)

@@ -44,7 +44,7 @@ SOLDERING_SIGNALS = (
     STATUS,
     Signal("alarm_flags", ("alarm_high", "alarm_low"), ReadInterval.ALARMS),
     Signal("port_error", ("port_error",), ReadInterval.ALARMS),
-    Signal("selected_temperature", ("set_c",), ReadInterval.FIVE),
+    Signal("selected_temperature", ("setpoint_c",), ReadInterval.FIVE),
     Signal("tool", ("tool",), ReadInterval.FIVE),
     Signal("station_error", ("station_error",), ReadInterval.FIVE),
     Signal("transistor_temperature", ("transistor_c",), ReadInterval.TEN),

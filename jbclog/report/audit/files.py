@@ -37,7 +37,7 @@ COLUMNS: Final = (
         "source",
         "last_seen",
     ),
-    *("kind", "port", "name", "unit", "value", "low", "high", "standing", "state", "since"),
+    *("kind", "port", "name", "uom", "value", "low", "high", "standing", "state", "since"),
     *("due_p10", "due_p50", "due_p90", "part", "text"),
 )
 
@@ -84,7 +84,7 @@ def _of_station(station: StationAudit) -> Iterator[Row]:
             "kind": "use",
             "port": figure.port,
             "name": figure.name,
-            "unit": figure.unit,
+            "uom": figure.uom,
             "value": figure.value,
         }
         yield row | _range(figure.range) | {"text": figure.why or figure.title}
@@ -107,7 +107,7 @@ def _counter(meter: Meter) -> Row:
         "kind": "counter",
         "port": meter.port,
         "name": meter.counter,
-        "unit": meter.unit,
+        "uom": meter.uom,
         "since": total.since,
     }
     row |= _range(total.total)
@@ -128,7 +128,7 @@ def _task(task: TaskState) -> Row:
         "kind": "task",
         "port": task.port,
         "name": task.task,
-        "unit": task.unit,
+        "uom": task.uom,
         "value": task.life,
     }
     row |= _range(task.percent) | {
@@ -150,7 +150,7 @@ def _errors(station: StationAudit) -> Iterator[Row]:
     for port, text in station.errors.ports.items():
         yield {"kind": "error", "name": "port", "port": port, "text": text}
     for kind, count in (station.errors.events or {}).items():
-        yield {"kind": "error", "name": kind, "unit": "events", "value": count}
+        yield {"kind": "error", "name": kind, "uom": "events", "value": count}
 
 
 def _range(found: Interval | None) -> Row:

@@ -13,7 +13,7 @@ from math import floor, isfinite
 from typing import Final
 
 from jbclog.config.tasks_file import DAYS
-from jbclog.core.durable_files import CUT_OFF, MOST_FAULTS
+from jbclog.core.chain import LEFT_BY_CRASH, MOST_FAULTS
 from jbclog.core.text import count_text, number
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State, TaskState
@@ -75,7 +75,7 @@ def percent(value: Interval | None) -> str:
 def of_life(task: TaskState) -> str:
     """Return ``1 640 to 1 642 of 2 000 h``; millimetres as metres."""
     scale, unit = (
-        (1000.0, "m") if task.unit == "mm" else (1.0, "" if task.unit == "count" else task.unit)
+        (1000.0, "m") if task.uom == "mm" else (1.0, "" if task.uom == "count" else task.uom)
     )
     interval = f"{number(task.life / scale)} {unit}".rstrip()
     return (
@@ -249,7 +249,7 @@ def _doubt(audit: FleetAudit) -> str | None:
     """
     if audit.not_kept:
         return "NOT KEPT IN THE LEDGER"
-    if any(not text.endswith(CUT_OFF) for text in audit.wrong):
+    if any(not text.endswith(LEFT_BY_CRASH) for text in audit.wrong):
         return "NOT KNOWN: THE LEDGER IS DAMAGED"
     return None
 

@@ -132,7 +132,7 @@ def _together(weeks: Sequence[Week]) -> tuple[Week, int]:
     known = [week.per_day for week in weeks if week.per_day is not None]
     hours = sum(known, NOTHING) if known else None
     spread = sum(week.is_spread for week in weeks)
-    return Week(weeks[0].begin, hours, spread > len(known) / 4), len(known)
+    return Week(weeks[0].start, hours, spread > len(known) / 4), len(known)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +171,8 @@ class CounterChange:
 
     station: str
     port: int
-    begin: str
-    end: str
+    start: str
+    stop: str
     kind: str
     text: str
     rule: str
@@ -190,18 +190,16 @@ def marks(audit: FleetAudit) -> list[CounterChange]:
                 mark = (
                     station.station,
                     one.port,
-                    one.begin,
-                    one.end,
+                    one.start,
+                    one.stop,
                     kind,
                     one.text,
                     one.rule.replace("_", " "),
                     one.is_doubtful,
                 )
-                found.setdefault(mark, []).append(
-                    ("" if meter.unit == "count" else meter.unit, one)
-                )
+                found.setdefault(mark, []).append(("" if meter.uom == "count" else meter.uom, one))
     together = [CounterChange(*mark, tuple(counters)) for mark, counters in found.items()]
-    return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
+    return sorted(together, key=lambda one: (one.stop, one.station, one.port), reverse=True)
 
 
 def _is_shown(one: Difference) -> bool:

@@ -298,9 +298,9 @@ def _month_begins(weeks: Sequence[Week], wide: bool) -> dict[int, str]:
     """Return the weeks in which a month begins, with its name; narrow: each third month."""
     found = {}
     for at, week in enumerate(weeks):
-        month = int(week.begin[5:7])
-        if week.begin[:7] != weeks[max(at - 1, 0)].begin[:7] and (wide or month % 3 == 1):
-            found[at] = f" {MONTHS[month - 1]}{f' {week.begin[:4]}' if month == 1 else ''}"
+        month = int(week.start[5:7])
+        if week.start[:7] != weeks[max(at - 1, 0)].start[:7] and (wide or month % 3 == 1):
+            found[at] = f" {MONTHS[month - 1]}{f' {week.start[:4]}' if month == 1 else ''}"
     return found
 
 

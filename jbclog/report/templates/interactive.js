@@ -55,7 +55,7 @@
     const port = Object.assign(head, { t: runs(head.rows), values: {}, bands: {}, spans: {}, counts: {} });
     for (let i = 0, place = 0; i < port.rows; i++) {
       place += port.t[i];
-      port.t[i] = place * port.unit;
+      port.t[i] = place * port.step;
     }
     for (const name of port.columns) port.values[name] = known(port.rows);
     port.why = runs(port.rows);
@@ -205,7 +205,7 @@
         else about.push(name === "status" || name === word ? word : `${name} ${word}`.trim());
       }
     }
-    const time = isSpan && !isRow ? `${clock(port.start + span[0], 0.1)} to ${clock(port.start + span[1], 0.1)}` : clock(port.start + when, Math.min(port.unit, 0.1));
+    const time = isSpan && !isRow ? `${clock(port.start + span[0], 0.1)} to ${clock(port.start + span[1], 0.1)}` : clock(port.start + when, Math.min(port.step, 0.1));
     return `${time} UTC: ${[...words, ...about].join(" · ")}`;
   }
 
@@ -424,7 +424,9 @@
     const value = element("output", "zoom-value", box), host = element("div", "zoom-panels", box);
     const shown = element("p", "zoom-window", box), help = element("p", "zoom-help", box);
     const names = port.lanes.filter(([name, count]) => name !== "joints" && (count || name === "status")).map(([name]) => name);
-    const events = [...Object.keys(MARKS).flatMap((name) => port.spans[name] || []), ...(port.spans["no data"] || []).filter(([a, b]) => b - a >= LONG_GAP_S)]
+    const gapsToSee = (port.spans["no data"] || []).filter(([a, b]) => b - a >= LONG_GAP_S)
+      .map(([a, b, word]) => [Math.min(a + port.period, (a + b) / 2), b, word]);  // a gap starts at a reading
+    const events = [...Object.keys(MARKS).flatMap((name) => port.spans[name] || []), ...gapsToSee]
       .sort((one, other) => one[0] - other[0]);
     const least = Math.min(end, Math.max(0.5, 8 * port.period));
     let from = 0, to = end, view = null, cursor = null, asked = 0, panels = [];

@@ -1,5 +1,5 @@
 """Find out which station is connected to a port, or why none can be driven. Sends only harmless
 reads.
 
-Start with `scan.py`, then `found.py`; `diagnosis.py` turns the results into findings.
+Start with `port_scan.py`, then `scan_plan.py`; `diagnosis.py` turns the results into findings.
 """

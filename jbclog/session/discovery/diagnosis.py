@@ -10,7 +10,9 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.core.text import count_text
 from jbclog.protocol.commands.family import FAMILIES, accept_line
 from jbclog.protocol.frame import Frame, FrameReader
-from jbclog.session.discovery.found import (
+from jbclog.session.discovery.port_scan import address_of
+from jbclog.session.discovery.probe import MOST_KEPT
+from jbclog.session.discovery.scan_plan import (
     ADDRESSES,
     THOROUGH,
     PortReport,
@@ -18,8 +20,6 @@ from jbclog.session.discovery.found import (
     StationFound,
     plan_for,
 )
-from jbclog.session.discovery.probe import MOST_KEPT
-from jbclog.session.discovery.scan import address_of
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
 IS_IT_ON = "check that the station is on and that Robot mode is on in its menu; if so, "
@@ -42,11 +42,9 @@ def diagnose(report: PortReport) -> list[ScanFinding]:
     if report.broken is not None:
         return [_broken(report.url, report.broken)]
     if report.station is not None:
-        return (
-            []
-            if report.station.is_drivable
-            else [_not_drivable(report.url, report.station, report.asked)]
-        )
+        if report.station.is_drivable:
+            return []
+        return [_not_drivable(report.url, report.station, report.asked)]
     if report.stopped:
         return []
     return [_no_station(report)]
@@ -54,46 +52,38 @@ def diagnose(report: PortReport) -> list[ScanFinding]:
 
 def _broken(url: str, error: LinkError) -> ScanFinding:
     """Split the message of a `transport` error at its semicolon into problem and step."""
-    kind = next(kind for one, kind in BREAKS if isinstance(error, one))
+    kind = next(word for error_class, word in BREAKS if isinstance(error, error_class))
     what, _, step = str(error).removeprefix(url).lstrip(": ").partition("; ")
     return ScanFinding(kind, url, what, step or PLUG_IN)
 
 
 def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> ScanFinding:
-    kind, does, step = _why_not_drivable(url, station, asked)
-    return ScanFinding(
-        kind, url, f"a station answers at {station.line}, {station.addressing}, {does}", step
-    )
+    def finding(kind: str, does: str, step: str) -> ScanFinding:
+        answers = f"a station answers at {station.line}, {station.addressing}"
+        return ScanFinding(kind, url, f"{answers}, {does}", step)
 
-
-def _why_not_drivable(
-    url: str, station: StationFound, asked: Collection[int | None]
-) -> tuple[str, str, str]:
-    """Return the finding's kind, what the station does besides answering, and the next step."""
     refusal, trouble = station.refusal, station.trouble
     if station.contradicts:
-        return "line.noisy", f"and gives a different answer each time: {trouble}", FIRMLY
+        return finding("line.noisy", f"and gives a different answer each time: {trouble}", FIRMLY)
     if station.robot_mode is False:
-        return "robot_mode.off", "and refuses: Robot mode is off (N 5)", SWITCH_ON
+        return finding("robot_mode.off", "and refuses: Robot mode is off (N 5)", SWITCH_ON)
     if station.address is not None and station.address not in asked and (refusal or trouble):
-        return (
-            "line.address",
-            f"and refuses questions to other addresses ({refusal})"
-            if refusal
-            else f"but not reliably: {trouble}",
+        does = f"but not reliably: {trouble}"
+        if refusal:
+            does = f"and refuses questions to other addresses ({refusal})"
+        step = (
             f"scan that address: `jbclog scan {url} --addresses {station.address}`; in the line"
-            f" file, set `address = {station.address}`",
+            f" file, set `address = {station.address}`"
         )
+        return finding("line.address", does, step)
     if refusal is not None:
-        return (
-            "station.refuses",
-            f"and does not report its model ({refusal})",
-            "set the address in its menu to the usual one (01, or none), and scan again",
-        )
+        does = f"and does not report its model ({refusal})"
+        step = "set the address in its menu to the usual one (01, or none), and scan again"
+        return finding("station.refuses", does, step)
     if trouble is not None:
-        return "station.silent", f"but not reliably: {trouble}", "push its plug fully in"
+        return finding("station.silent", f"but not reliably: {trouble}", "push its plug fully in")
     driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
-    return (
+    return finding(
         "station.unknown",
         f"and reports model {station.model!r}, which jbclog does not know",
         f"if you know what it is, name its family in the line file ({driven}), and add"

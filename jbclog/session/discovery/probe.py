@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from jbclog.core.errors import LinkFlooded
-from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
+from jbclog.core.io_requests import IoResult, ask, listen
 from jbclog.protocol import frame, omega
 from jbclog.protocol.client.interface import MOST_TIMES, SECOND
 from jbclog.protocol.commands.command import Command, Effect, Scope
@@ -102,42 +102,42 @@ class Probe:
         self.flood: LinkFlooded | None = None
         self._measures_left = MEASURES
 
-    def ask(
+    async def ask(
         self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]
-    ) -> Steps[Received]:
+    ) -> Received:
         """Send `question` and collect until `answer_in` finds an answer, or for `patience_s`."""
-        heard = yield Ask(question, patience_s)
+        heard = await ask(question, patience_s)
         until = heard.sent + patience_s
-        return (yield from self._collect(heard, until, question, answer_in))
+        return await self._collect(heard, until, question, answer_in)
 
-    def listen(self, seconds: float) -> Steps[Received]:
+    async def listen(self, seconds: float) -> Received:
         """Collect bytes without a request."""
         until = self.now + seconds
-        heard = yield Listen(until)
-        return (yield from self._collect(heard, until, b"", lambda _: None))
+        heard = await listen(until)
+        return await self._collect(heard, until, b"", lambda _: None)
 
-    def _collect(
+    async def _collect(
         self,
         heard: IoResult,
         until: float,
         question: bytes,
         answer_in: Callable[[bytes], object | None],
-    ) -> Steps[Received]:
+    ) -> Received:
         data = heard.data
         while heard.data and len(data) < MOST_KEPT and answer_in(_without(question, data)) is None:
-            heard = yield Listen(until)
+            heard = await listen(until)
             data += heard.data
         self.now = heard.now
         if len(data) >= MOST_KEPT and self._measures_left and self.flood is None:
-            yield from self._measure(heard.now)
+            await self._measure(heard.now)
         return Received(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
 
-    def _measure(self, began: float) -> Steps[None]:
+    async def _measure(self, began: float) -> None:
         """Count the bytes of one second without requests."""
         self._measures_left -= 1
         came = 0
         while self.now < began + SECOND:
-            heard = yield Listen(began + SECOND)
+            heard = await listen(began + SECOND)
             self.now, came = heard.now, came + len(heard.data)
         limit = MOST_TIMES * USUAL_ANSWERS
         if came > limit:

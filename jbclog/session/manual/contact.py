@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from jbclog.core.errors import (
     NotSupported,
@@ -15,7 +14,7 @@ from jbclog.core.errors import (
     StationSilent,
     UsageError,
 )
-from jbclog.core.io_requests import Reopen, Steps, Wait
+from jbclog.core.io_requests import reopen, wait
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, kind_problem, read_confirmed
@@ -31,6 +30,7 @@ from jbclog.protocol.commands.family import (
     unknown_model_text,
 )
 from jbclog.protocol.commands.omega import CLEANING, is_condition
+from jbclog.session.setting_write import WHOLE_STATION, Place
 
 PORTS = range(1, 5)
 NO_TOOL = 0
@@ -50,25 +50,6 @@ class Target:
     address: int | None
     ports: tuple[int, ...] | None
     model: str | None = None
-
-
-class Place(NamedTuple):
-    """Target of a command; all None is the whole station. `condition` is the number of an OMEGA
-    solder condition.
-    """
-
-    port: int | None = None
-    tool: int | None = None
-    condition: int | None = None
-
-    def __str__(self) -> str:
-        """Format: ``port 1, tool 2``; empty for the whole station."""
-        return ", ".join(
-            f"{name} {number}" for name, number in self._asdict().items() if number is not None
-        )
-
-
-WHOLE_STATION = Place()
 
 
 def title(command: Command, place: Place) -> str:
@@ -116,56 +97,65 @@ class Contact:
             f" {self.model}"
         )
 
-    def read(self, command: Command, place: Place) -> Steps[Value]:
+    async def read(self, command: Command, place: Place) -> Value:
         """Read once (the client repeats lost reads). Raises `StationError` and `LinkError`."""
-        return (yield from self.client.read(_numbered(command, place), place.port, place.tool))
+        return await self.client.read(_numbered(command, place), place.port, place.tool)
 
-    def read_confirmed(
+    async def read_confirmed(
         self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False
-    ) -> Steps[Value]:
+    ) -> Value:
         """Read until two answers are equal. Raises as `read` does."""
-        return (
-            yield from read_confirmed(
-                self.client,
-                _numbered(command, place),
-                place.port,
-                place.tool,
-                known=known,
-                grows=grows,
-            )
+        return await read_confirmed(
+            self.client,
+            _numbered(command, place),
+            place.port,
+            place.tool,
+            known=known,
+            grows=grows,
         )
+
+    async def value(self, name: str, place: Place) -> Value | None:
+        """Return a confirmed value by its command's name; None if the family lacks it, or the
+        station gives none. Raises `LinkError`.
+        """
+        if name not in self.family.commands:
+            return None
+        try:
+            return await self.read_confirmed(self.family.commands[name], place)
+        except StationError:
+            return None
 
 
 def _numbered(command: Command, place: Place) -> Command:
     return command if place.condition is None else command.numbered(place.condition)
 
 
-def open_contact(target: Target) -> Steps[Contact]:
+async def open_contact(target: Target) -> Contact:
     """Open the port and identify the station. Raises `StartRefused` and `LinkError`."""
     client = client_for(target.family, target.line, target.address)
-    client.unasked((yield Wait(0.0)))
-    client.unasked((yield Reopen()))
+    client.unasked(await wait(0.0))
+    client.unasked(await reopen())
     family = target.family
     if family is None or "model" in family.commands:
-        model = str((yield from _first_answer(target, client, MODEL)))
+        model = str(await _first_answer(target, client, MODEL))
         family = family or _learnt(target, model)
         return Contact(target, client, family, model, target.ports or family.ports, {})
-    yield from _first_answer(target, client, family.commands[family.harmless[0]], again=True)
+    await _first_answer(target, client, family.commands[family.harmless[0]], again=True)
     return Contact(target, client, family, None, target.ports or family.ports, {})
 
 
-def _first_answer(
+async def _first_answer(
     target: Target, client: Client, command: Command, *, again: bool = False
-) -> Steps[Value]:
+) -> Value:
     """Read the first answer. With `again`, ignore one silence: earlier bytes can swallow an OMEGA's
     first request.
     """
     try:
-        return (yield from read_confirmed(client, command))
+        return await read_confirmed(client, command)
     except StationSilent as error:
-        if not again:
-            raise StartRefused(no_answer(target, error)) from error
-        return (yield from _first_answer(target, client, command))
+        if again:
+            return await _first_answer(target, client, command)
+        raise StartRefused(no_answer(target, error)) from error
     except RobotModeOff as error:
         raise StartRefused(
             f"{target.name}: Robot mode is off; switch it on in the station's menu"
@@ -196,7 +186,7 @@ def _learnt(target: Target, model: str) -> Family:
     return family
 
 
-def expect_proven(contact: Contact) -> Steps[None]:
+async def expect_proven(contact: Contact) -> None:
     """Raise `StartRefused` before anything is written if the family is not proven."""
     if not contact.is_proven:
         if contact.target.model is None:
@@ -206,16 +196,16 @@ def expect_proven(contact: Contact) -> Steps[None]:
         raise StartRefused(
             f"{contact.stranger()}; nothing was written to it. Correct `model`, or the cable"
         )
-    yield from expect_borne_out(contact)
+    await expect_borne_out(contact)
 
 
-def expect_borne_out(contact: Contact) -> Steps[None]:
+async def expect_borne_out(contact: Contact) -> None:
     """Raise `StartRefused` if an accepted model name belongs to a station of another kind than its
     family's.
     """
     if contact.target.model is None:
         return
-    why = yield from kind_problem(contact.client, contact.family, min(contact.ports or (1,)))
+    why = await kind_problem(contact.client, contact.family, min(contact.ports or (1,)))
     if why is not None:
         model, family = contact.model, contact.family.name
         raise StartRefused(
@@ -224,32 +214,27 @@ def expect_borne_out(contact: Contact) -> Steps[None]:
         )
 
 
-def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
+async def find_ports(contact: Contact) -> tuple[int, ...]:
     """Return the ports named by the line file or the family, else those that answer."""
     if contact.ports is None:
-        found = []
-        for number in PORTS:
-            if (yield from find_tool(contact, number)) is not None:
-                found.append(number)
-        contact.ports = tuple(found)
+        answering = [port for port in PORTS if await find_tool(contact, port) is not None]
+        contact.ports = tuple(answering)
     return contact.ports
 
 
-def find_tool(contact: Contact, port: int) -> Steps[int | None]:
+async def find_tool(contact: Contact, port: int) -> int | None:
     """Return the code of the tool in `port`, 0 for none; None for a missing port. One answer is
     enough.
     """
     if port not in contact.tools:
         command = contact.family.command_of("tool")
-        try:
-            found = (
-                NO_TOOL
-                if command is None
-                else (yield from contact.read_confirmed(command, Place(port)))
-            )
-        except (NotSupported, OutOfRange):
-            return None
-        contact.tools[port] = found if isinstance(found, int) else NO_TOOL
+        code: Value = NO_TOOL
+        if command is not None:
+            try:
+                code = await contact.read_confirmed(command, Place(port))
+            except (NotSupported, OutOfRange):
+                return None
+        contact.tools[port] = code if isinstance(code, int) else NO_TOOL
     return contact.tools[port]
 
 
@@ -263,7 +248,9 @@ def check_place(
         raise UsageError(f"{command.name} belongs to no tool: omit --tool")
     if command.scope is not Scope.CONDITION and place.condition is not None:
         raise UsageError(f"{command.name} belongs to no solder condition: omit --condition")
-    if command.scope is Scope.CONDITION and not is_number_of_one(place.condition):
+    number = place.condition
+    is_number = number is not None and (number == CLEANING or is_condition(number))
+    if command.scope is Scope.CONDITION and not is_number:
         raise UsageError(f"{command.name} needs --condition with a number: {CONDITIONS}")
     if place.port is not None and ports is not None and place.port not in ports:
         raise UsageError(
@@ -277,33 +264,25 @@ def check_place(
         )
 
 
-def is_number_of_one(condition: int | None) -> bool:
-    """Return True if OMEGA can have a solder condition, or its cleaning, under this number."""
-    return condition is not None and (condition == CLEANING or is_condition(condition))
-
-
 def tools_of(family: Family) -> tuple[int, ...]:
     return tuple(code for code in family.tools if code != NO_TOOL)
 
 
-def places(contact: Contact, command: Command, asked: Place) -> Steps[list[Place]]:
+async def places(contact: Contact, command: Command, asked: Place) -> list[Place]:
     """Return every place addressed: the given one, or all ports, with the tools in them.
 
     Raises `StartRefused` if a tool is needed and the port is empty.
     """
     if command.scope not in (Scope.PORT, Scope.TOOL):
         return [Place(condition=asked.condition)]
-    ports = (asked.port,) if asked.port is not None else (yield from find_ports(contact))
-    found = []
-    for port in ports:
-        found.append((yield from _place(contact, command, port, asked.tool)))
-    return found
+    ports = (asked.port,) if asked.port is not None else await find_ports(contact)
+    return [await _place(contact, command, port, asked.tool) for port in ports]
 
 
-def _place(contact: Contact, command: Command, port: int, tool: int | None) -> Steps[Place]:
+async def _place(contact: Contact, command: Command, port: int, tool: int | None) -> Place:
     if command.scope is not Scope.TOOL or tool is not None:
         return Place(port, tool)
-    connected = yield from find_tool(contact, port)
+    connected = await find_tool(contact, port)
     if not connected:
         example = next(iter(tools_of(contact.family)))
         raise StartRefused(
@@ -318,16 +297,18 @@ def _place(contact: Contact, command: Command, port: int, tool: int | None) -> S
     return Place(port, connected)
 
 
-def everywhere(contact: Contact, commands: Iterable[Command]) -> Steps[list[tuple[Command, Place]]]:
+async def everywhere(contact: Contact, commands: Iterable[Command]) -> list[tuple[Command, Place]]:
     """List every place of each command: the station, its ports, the tools in them."""
-    ports = yield from find_ports(contact)
-    found: list[tuple[Command, Place]] = []
+    ports = await find_ports(contact)
+    targets: list[tuple[Command, Place]] = []
     for command in commands:
         if command.scope is Scope.STATION:
-            found.append((command, WHOLE_STATION))
+            targets.append((command, WHOLE_STATION))
             continue
         for port in ports:
-            tool = yield from find_tool(contact, port)
+            tool = await find_tool(contact, port)
             if command.scope is Scope.PORT or tool in TOOLS_WITH_A_PLACE:
-                found.append((command, Place(port, tool if command.scope is Scope.TOOL else None)))
-    return found
+                targets.append(
+                    (command, Place(port, tool if command.scope is Scope.TOOL else None))
+                )
+    return targets

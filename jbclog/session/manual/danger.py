@@ -8,14 +8,12 @@ from types import MappingProxyType
 from typing import Final
 
 from jbclog.core.errors import NotSupported, StartRefused, StationError
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import text_of
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.manual.contact import (
     NO_TOOL,
     Contact,
-    Place,
     everywhere,
     find_ports,
     find_tool,
@@ -23,7 +21,8 @@ from jbclog.session.manual.contact import (
     title,
     tools_of,
 )
-from jbclog.session.manual.values import shown
+from jbclog.session.manual.value_text import shown
+from jbclog.session.setting_write import Place
 
 # above it nothing is restarted or reset, because the tool's reaction is unknown
 COOL_C: Final = 60
@@ -87,19 +86,19 @@ def is_dangerous(name: str, family: Family | None) -> bool:
     return any(one.commands[name].dangerous for one in families if name in one.commands)
 
 
-def expect_cold(contact: Contact) -> Steps[None]:
+async def expect_cold(contact: Contact) -> None:
     """Raise `StartRefused` if a tool is hotter than `COOL_C`; an unread one counts as hot."""
-    for port in (yield from find_ports(contact)):
-        if (yield from find_tool(contact, port)) != NO_TOOL:
-            yield from _expect_cold(contact, port)
+    for port in await find_ports(contact):
+        if await find_tool(contact, port) != NO_TOOL:
+            await _expect_cold(contact, port)
 
 
-def _expect_cold(contact: Contact, port: int) -> Steps[None]:
+async def _expect_cold(contact: Contact, port: int) -> None:
     command = contact.family.command_of("temperature_c")
     if command is None:
         return
     try:
-        celsius = yield from _highest(contact, command, Place(port))
+        celsius = await _highest(contact, command, Place(port))
     except StationError as error:
         raise StartRefused(
             f"{contact.name}: port {port} counts as hot, because its temperature cannot be read"
@@ -118,11 +117,11 @@ def _expect_cold(contact: Contact, port: int) -> Steps[None]:
         )
 
 
-def _highest(contact: Contact, command: Command, place: Place) -> Steps[float | None]:
+async def _highest(contact: Contact, command: Command, place: Place) -> float | None:
     """Return the higher of two readings; None if one of them is implausible."""
     found = []
     for _ in range(2):
-        value = yield from contact.read(command, place)
+        value = await contact.read(command, place)
         if (
             not isinstance(value, int | float)
             or not contact.family.plausible_c.start <= value < contact.family.plausible_c.stop
@@ -148,7 +147,7 @@ class KeptSetting:
     condition: int | None
     setting: str
     value: str
-    unit: str
+    uom: str
     raw: str
     manual: str
 
@@ -169,7 +168,7 @@ Keep = Callable[[Snapshot], None]
 """Stores a snapshot durably before it returns, or raises `RecordError`."""
 
 
-def take_snapshot(contact: Contact, number: int | None = None) -> Steps[Snapshot]:
+async def take_snapshot(contact: Contact, number: int | None = None) -> Snapshot:
     """Read all settings; of numbered ones, only that of `number`.
 
     Raises `StartRefused` if one of them cannot be read; nothing has been changed then.
@@ -182,15 +181,15 @@ def take_snapshot(contact: Contact, number: int | None = None) -> Steps[Snapshot
         if command.scope is Scope.CONDITION and command.readable
     ]
     wanted = [(command, Place(condition=number)) for command in numbered if number is not None]
-    for command, place in [*(yield from everywhere(contact, _settings(contact))), *wanted]:
+    for command, place in [*await everywhere(contact, _settings(contact)), *wanted]:
         try:
-            yield from _take(contact, command, place, taken)
+            await _take(contact, command, place, taken)
         except StationError as error:
             raise StartRefused(
                 f"{contact.name}: {title(command, place)} cannot be read ({sentence(error)}), so"
                 " there is no whole snapshot of the settings; nothing was written"
             ) from error
-    yield from _take_unconnected(contact, taken)
+    await _take_unconnected(contact, taken)
     return taken
 
 
@@ -198,9 +197,9 @@ def _settings(contact: Contact) -> list[Command]:
     return [command for command in contact.family.commands.values() if command.access == "rw"]
 
 
-def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> Steps[None]:
+async def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> None:
     try:
-        value = yield from contact.read_confirmed(command, place)
+        value = await contact.read_confirmed(command, place)
     except NotSupported:
         taken.absent.append(title(command, place))
         return
@@ -211,21 +210,21 @@ def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> 
     taken.settings.append(kept)
 
 
-def _take_unconnected(contact: Contact, taken: Snapshot) -> Steps[None]:
+async def _take_unconnected(contact: Contact, taken: Snapshot) -> None:
     """Read other tools' settings, as far as the station answers; skip a tool on failure."""
     of_tools = [command for command in _settings(contact) if command.scope is Scope.TOOL]
-    for place in (yield from _unconnected(contact)):
+    for place in await _unconnected(contact):
         for command in of_tools:
             try:
-                yield from _take(contact, command, place, taken)
+                await _take(contact, command, place, taken)
             except StationError:
                 taken.absent.append(title(command, place))
                 break
 
 
-def _unconnected(contact: Contact) -> Steps[list[Place]]:
+async def _unconnected(contact: Contact) -> list[Place]:
     found = []
-    for port in (yield from find_ports(contact)):
-        connected = yield from find_tool(contact, port)
+    for port in await find_ports(contact):
+        connected = await find_tool(contact, port)
         found += [Place(port, tool) for tool in tools_of(contact.family) if tool != connected]
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from jbclog.core.errors import UsageError
@@ -12,7 +12,7 @@ from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.omega import StoredCondition
 from jbclog.protocol.commands.ranges import allowed
-from jbclog.session.manual.values import words_for
+from jbclog.session.manual.value_text import words_for
 
 CommandFilter = Callable[[Command], bool]
 """Selects commands: `readable` or `writable`."""
@@ -82,7 +82,7 @@ class NameEntry(NamedTuple):
     """A row of the list of names."""
 
     name: str
-    unit: str
+    uom: str
     values: str
     scope: str
     manual: str
@@ -91,19 +91,18 @@ class NameEntry(NamedTuple):
 
 def entries(family: Family, kind: CommandFilter) -> list[NameEntry]:
     """List everything to read from or write to a station of this family, in table order."""
-    return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
-
-
-def _entry(command: Command, family: Family, kind: CommandFilter) -> NameEntry:
-    values = values_text(command, family) if command.writable else ""
-    return NameEntry(
-        command.name,
-        command.unit,
-        values,
-        f"{command.scope.value}",
-        command.manual,
-        _remark(command, kind),
-    )
+    listed = []
+    for command in filter(kind, family.commands.values()):
+        values = values_text(command, family) if command.writable else ""
+        remark = why_only_by_name(command)
+        if kind is writable:
+            remark = "dangerous" if command.dangerous else ""
+        listed.append(
+            NameEntry(
+                command.name, command.unit, values, str(command.scope.value), command.manual, remark
+            )
+        )
+    return listed
 
 
 def values_text(command: Command, family: Family) -> str:
@@ -120,12 +119,6 @@ def values_text(command: Command, family: Family) -> str:
         steps = f"steps of {command.limits.step:g} {command.unit} " if command.limits.step else ""
         return f"{steps}up to {highest}" if lowest is None else f"{steps}from {lowest} to {highest}"
     return ", ".join(words) or allowed(command).replace('"off"', "off")  # quotes are for files
-
-
-def _remark(command: Command, kind: CommandFilter) -> str:
-    if kind is writable:
-        return "dangerous" if command.dangerous else ""
-    return why_only_by_name(command)
 
 
 def why_only_by_name(command: Command) -> str:
@@ -150,8 +143,3 @@ def shared(kind: CommandFilter) -> list[tuple[tuple[str, ...], tuple[str, ...]]]
         ((families, tuple(names)) for families, names in by_families.items()),
         key=lambda one: -len(one[0]),
     )
-
-
-def named(names: Iterable[str], beginning: str) -> list[str]:
-    """Return the names with that beginning, for completion."""
-    return [name for name in names if name.startswith(beginning)]

@@ -21,7 +21,7 @@ from jbclog.core.errors import (
     StationSilent,
     UsageError,
 )
-from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.io_requests import wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.confirmed_reads import ANSWERS
 from jbclog.protocol.commands.command import Command
@@ -35,9 +35,7 @@ from jbclog.protocol.commands.ranges import (
     plausibility_check,
 )
 from jbclog.session.manual.contact import (
-    WHOLE_STATION,
     Contact,
-    Place,
     Target,
     everywhere,
     find_ports,
@@ -48,6 +46,7 @@ from jbclog.session.manual.contact import (
     title,
 )
 from jbclog.session.manual.names import find, readable, why_only_by_name
+from jbclog.session.setting_write import WHOLE_STATION, Place
 
 # A steady value (name, tool, error, setting, counter) is read until two answers are equal; a moving
 # one until two are close, or one of three lies between the others; a value that is cleared by
@@ -60,42 +59,30 @@ APART: Mapping[str, int] = MappingProxyType(
 """Maximum difference of two answers to the same request, in the signal's unit."""
 
 
-def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
+async def believed(contact: Contact, command: Command, place: Place) -> Value:
     """Read until an answer is confirmed. Raises what reading raises, or `ImplausibleAnswer`."""
     if command.sent_once:
-        return (yield from contact.read(command, place))
+        return await contact.read(command, place)
     signal = contact.family.signal_of(command.name)
     possible = plausibility_check(signal, contact.family)
     if signal is not None and possible is not None:
-        return (yield from _moving(contact, command, place, possible, APART[signal]))
-    whole = yield from _whole(contact, command)
+        return await _moving(contact, command, place, possible, APART[signal])
+    greatest = None
+    if command.share_of is not None:
+        greatest = await contact.value(command.share_of, WHOLE_STATION)
     is_counter = any(counter.command == command.name for counter in contact.family.counters)
-    value = yield from contact.read_confirmed(command, place, grows=is_counter)
-    if whole is not None and not is_share(value, whole):
+    value = await contact.read_confirmed(command, place, grows=is_counter)
+    if isinstance(greatest, int) and greatest > 0 and not is_share(value, greatest):
         raise _cannot_be(command, place, [value])
     return value
 
 
-def _whole(contact: Contact, command: Command) -> Steps[int | None]:
-    """Return the station's maximum of `command`; None if there is none."""
-    greatest = contact.family.commands.get(str(command.share_of))
-    try:
-        whole = (
-            None
-            if greatest is None
-            else (yield from contact.read_confirmed(greatest, WHOLE_STATION))
-        )
-    except StationError:
-        return None
-    return whole if isinstance(whole, int) and whole > 0 else None
-
-
-def _moving(
+async def _moving(
     contact: Contact, command: Command, place: Place, possible: Possible, apart: int
-) -> Steps[Value]:
+) -> Value:
     given: list[Value] = []
     while len(given) < ANSWERS:
-        answer = yield from contact.read(command, place)
+        answer = await contact.read(command, place)
         is_said_again = answer in given
         given.append(answer)
         if possible(answer):
@@ -162,23 +149,23 @@ OnReading = Callable[[Contact, ReadResult], None]
 """Receives each reading as it arrives, with its station."""
 
 
-def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -> Steps[None]:
+async def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -> None:
     """Read the value of that name at each place addressed.
 
     Raises `StartRefused` if no usable station answers or the family has no such value, and
     `LinkError`.
     """
-    contact = yield from open_contact(target)
+    contact = await open_contact(target)
     command = found_after_all(contact, lambda: find(name, contact.family, readable))
-    for place in (yield from places(contact, command, asked)):
-        on_reading(contact, (yield from _reading(contact, command, place)))
+    for place in await places(contact, command, asked):
+        on_reading(contact, await _reading(contact, command, place))
 
 
-def read_all(target: Target, on_reading: OnReading) -> Steps[None]:
+async def read_all(target: Target, on_reading: OnReading) -> None:
     """Read everything that has no side effect, everywhere. Raises as `read_value` does."""
-    contact = yield from open_contact(target)
-    for command, place in (yield from everywhere(contact, harmless(contact.family))):
-        on_reading(contact, (yield from _reading(contact, command, place)))
+    contact = await open_contact(target)
+    for command, place in await everywhere(contact, harmless(contact.family)):
+        on_reading(contact, await _reading(contact, command, place))
 
 
 def harmless(family: Family) -> list[Command]:
@@ -209,11 +196,11 @@ def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
         raise StartRefused(f"{contact.name} is a {contact.model}: {error}") from error
 
 
-def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResult]:
+async def _reading(contact: Contact, command: Command, place: Place) -> ReadResult:
     """Read one value. Raises only if nothing more can be read."""
     client = contact.client
     try:
-        value = yield from believed(contact, command, place)
+        value = await believed(contact, command, place)
     except (StationSilent, RobotModeOff) as error:
         raise StartRefused(f"{contact.name}: {error}") from error
     except StationError as error:
@@ -230,7 +217,7 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResu
             is_absent=is_absent,
         )
         return (
-            (yield from _unless_void(contact, failed))
+            await _unless_void(contact, failed)
             if isinstance(error, Refusal | ImplausibleAnswer)
             else failed
         )
@@ -238,15 +225,13 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResu
         return ReadResult(
             command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True
         )
-    return (
-        yield from _unless_void(
-            contact,
-            ReadResult(command, place, value, command.raw_text(client.data, value), client.heard),
-        )
+    return await _unless_void(
+        contact,
+        ReadResult(command, place, value, command.raw_text(client.data, value), client.heard),
     )
 
 
-def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
+async def _unless_void(contact: Contact, reading: ReadResult) -> ReadResult:
     """Remove the value if it has no meaning without a tool, or during the port's error.
 
     See docs/reference/contradictions.md, B-44.
@@ -255,8 +240,10 @@ def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
     signal = family.signal_of(reading.command.name)
     if port is None or signal is None or not family.may_be_void(signal):
         return reading
-    tool = (yield from find_tool(contact, port)) if family.tools else None
-    error = yield from _error_of(contact, port)
+    tool = await find_tool(contact, port) if family.tools else None
+    error = await contact.value("port_error", Place(port))
+    if not isinstance(error, int):
+        error = None
     why = family.void(signal, tool, error)
     if why is None:
         return reading
@@ -264,17 +251,6 @@ def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
     return replace(
         reading, value=None, reason=why, problem=why.replace("_", " ") + number, is_void=True
     )
-
-
-def _error_of(contact: Contact, port: int) -> Steps[int | None]:
-    """Return the error of `port`; None if unknown."""
-    try:
-        error = yield from contact.read_confirmed(
-            contact.family.commands["port_error"], Place(port)
-        )
-    except (StationError, KeyError):
-        return None
-    return error if isinstance(error, int) else None
 
 
 # Read a tip while a thermometer measures it: its temperature several times, its settings before and
@@ -289,21 +265,21 @@ class TipReadings:
     """
 
     model: str | None
-    tool: str | None
+    tool_name: str | None
     adjust_c: float | None
     temperatures: list[float] = field(default_factory=list)
     states: list[str] = field(default_factory=list)
     settings: list[float] = field(default_factory=list)
 
 
-def read_tip(target: Target, port: int) -> Steps[TipReadings]:
+async def read_tip(target: Target, port: int) -> TipReadings:
     """Read the tip of `port` for `READINGS` × `EVERY_S` s.
 
     Raises `StartRefused` if no usable station answers, or there is no such port, tool or
     temperature.
     """
-    contact = yield from open_contact(target)
-    ports = yield from find_ports(contact)
+    contact = await open_contact(target)
+    ports = await find_ports(contact)
     if port not in ports:
         raise StartRefused(
             f"{contact.name}: there is no port {port}; it has"
@@ -315,50 +291,37 @@ def read_tip(target: Target, port: int) -> Steps[TipReadings]:
             f"{contact.name}: a {contact.family.name} reports no temperature; read it off its"
             " display: --station-c"
         )
-    tool = (yield from find_tool(contact, port)) if contact.family.tools else None
+    tool = await find_tool(contact, port) if contact.family.tools else None
     if contact.family.tools and not tool:
         raise StartRefused(f"{contact.name}: there is no tool in port {port}")
-    adjust = yield from _number(contact, "adjust", Place(port, tool))
+    adjust = await _number(contact, "adjust", Place(port, tool))
     found = TipReadings(contact.model, contact.family.tool_name(tool) if tool else None, adjust)
-    yield from _state(contact, port, found)
+    await _state(contact, port, found)
     try:
         for _ in range(READINGS):
-            value = yield from believed(contact, temperature, Place(port))
+            value = await believed(contact, temperature, Place(port))
             if isinstance(value, int | float):
                 found.temperatures.append(float(value))
-            contact.client.unasked((yield Wait(contact.client.now + EVERY_S)))
+            contact.client.unasked(await wait(contact.client.now + EVERY_S))
     except StationError as error:
         raise StartRefused(
             f"{contact.name}: its tip could not be read: {sentence(error)}"
         ) from error
-    yield from _state(contact, port, found)
+    await _state(contact, port, found)
     return found
 
 
-def _state(contact: Contact, port: int, found: TipReadings) -> Steps[None]:
+async def _state(contact: Contact, port: int, found: TipReadings) -> None:
     status = contact.family.command_of("status")
     if status is not None:
-        value = yield from _value(contact, status.name, Place(port))
+        value = await contact.value(status.name, Place(port))
         if isinstance(value, tuple):
             found.states.append(contact.family.status.state(value))
-    selected = contact.family.command_of("set_c")
-    setting = (
-        None if selected is None else (yield from _number(contact, selected.name, Place(port)))
-    )
+    selected = contact.family.command_of("setpoint_c")
+    setting = None if selected is None else await _number(contact, selected.name, Place(port))
     found.settings += [] if setting is None else [setting]
 
 
-def _number(contact: Contact, name: str, place: Place) -> Steps[float | None]:
-    value = yield from _value(contact, name, place)
+async def _number(contact: Contact, name: str, place: Place) -> float | None:
+    value = await contact.value(name, place)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def _value(contact: Contact, name: str, place: Place) -> Steps[Value | None]:
-    """Return a steady value by its name; None if the family lacks it, or it cannot be read."""
-    command = contact.family.commands.get(name)
-    if command is None:
-        return None
-    try:
-        return (yield from contact.read_confirmed(command, place))
-    except StationError:
-        return None

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Final
 
 from jbclog.core.errors import LinkError, LinkFlooded, StartRefused, StationError
-from jbclog.core.io_requests import Reopen, Steps, Wait
+from jbclog.core.io_requests import reopen, wait
 from jbclog.core.quantities import OFF
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
@@ -26,7 +26,6 @@ from jbclog.session.manual.contact import (
     NO_TOOL,
     PORTS,
     Contact,
-    Place,
     Target,
     expect_borne_out,
     find_tool,
@@ -36,6 +35,7 @@ from jbclog.session.manual.read import believed
 from jbclog.session.safety.blind import blind_word, write_unanswered
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
+from jbclog.session.setting_write import Place
 
 # A standing tool keeps its setpoint until its sleep delay has passed, and its sleep temperature
 # until the hibernation delay has. An unreadable value is unknown: it counts neither as cooling nor
@@ -90,71 +90,69 @@ def duration(seconds: float) -> str:
     return " ".join([*parts, *([f"{rest} s"] if rest or not minutes else [])])
 
 
-def cooling_of(contact: Contact, port: int, code: int | None, state: str) -> Steps[Cooling]:
+async def cooling_of(contact: Contact, port: int, code: int | None, state: str) -> Cooling:
     """Return the next states of the tool with this code in `port`; `state` is its resting state.
     Does not raise station errors.
     """
     follows = NEXT_FROM.get(state, ()) if DELAYS[SLEEPS] in contact.family.commands else ()
     if not follows:
         return Cooling()
-    never = yield from _never(contact, Place(port, code), follows)
-    return Cooling(follows, (yield from _countdown(contact, port)), never)
+    never = await _never(contact, Place(port, code), follows)
+    return Cooling(follows, await _countdown(contact, port), never)
 
 
-def _never(
+async def _never(
     contact: Contact, place: Place, follows: tuple[str, ...]
-) -> Steps[tuple[str, ...] | None]:
+) -> tuple[str, ...] | None:
     if place.tool is not None and place.tool not in TOOLS_WITH_A_PLACE:
         return None
     found = []
     try:
         for what in follows if place.tool is not None else ():
-            if (
-                yield from contact.read_confirmed(contact.family.commands[DELAYS[what]], place)
-            ) is OFF:
+            if (await contact.read_confirmed(contact.family.commands[DELAYS[what]], place)) is OFF:
                 found.append(what)
     except (StationError, LinkError):
         return None
     return tuple(found)
 
 
-def _countdown(contact: Contact, port: int) -> Steps[int | None]:
+async def _countdown(contact: Contact, port: int) -> int | None:
     """Return the station's countdown in seconds; None if there is none or it is unknown."""
     command = contact.family.command_of("delay_s")
     try:
-        left = None if command is None else (yield from believed(contact, command, Place(port)))
+        left = None if command is None else await believed(contact, command, Place(port))
     except (StationError, LinkError):
         return None
     return left if isinstance(left, int) and left not in NO_COUNTDOWN else None
 
 
-def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
+async def temperature_of(contact: Contact, port: int) -> float | None:
     """Return the temperature of the tool in `port` by two answers; None if it is unknown, or there
     is no tool.
     """
     command = contact.family.command_of("temperature_c")
     try:
-        if command is None or (yield from find_tool(contact, port)) == NO_TOOL:
+        if command is None or await find_tool(contact, port) == NO_TOOL:
             return None
-        value = yield from believed(contact, command, Place(port))
+        value = await believed(contact, command, Place(port))
     except (StationError, LinkError):
         return None
     return float(value) if isinstance(value, int | float) else None
 
 
-def temperatures(
+async def temperatures(
     target: Target, model: str | None, ports: tuple[int, ...]
-) -> Steps[dict[int, float]]:
+) -> dict[int, float]:
     """Return the known temperatures of these tools; none for another station."""
     try:
-        contact = yield from open_contact(target)
+        contact = await open_contact(target)
     except (StationError, StartRefused):
         return {}
     if contact.model != model:
         return {}
     found = {}
     for port in ports:
-        celsius = yield from temperature_of(contact, port)
+        celsius = await temperature_of(contact, port)
         if celsius is not None:
             found[port] = celsius
     return found
@@ -174,7 +172,7 @@ class MadeSafe:
     """
 
     port: int
-    tool: str | None
+    tool_name: str | None
     state: str | None = None
     rested: bool = False
     ordered: str | None = None
@@ -219,26 +217,27 @@ class StationMadeSafe:
         )
 
 
-def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
+async def make_safe(target: Target, made: StationMadeSafe) -> None:
     """Put every tool of a station in its safe state, after stopping its feeder. Raises
     `StartRefused` and `LinkError`.
     """
     try:
-        contact = yield from open_contact(target)
+        contact = await open_contact(target)
     except LinkFlooded as flood:
         if target.family is None or not target.family.safe_states:
             raise
-        yield from _order_over_flood(target, target.family, made, flood)
+        await _order_over_flood(target, target.family, made, flood)
         return
-    family = contact.family = yield from _proven(contact, made)
-    made.model, made.family = contact.model, family.name
+    family = contact.family = await _proven(contact, made)
+    made.model = contact.model
+    made.family = family.name
     if not family.safe_states:
         made.problem = (
             f"an {family.title} has no safe state, it takes no order that would make it safe: stop"
             f" it at its own panel, or {SWITCH_OFF}"
         )
         return
-    tools = yield from _find_tools(contact, made)
+    tools = await _find_tools(contact, made)
     task = SafetyTask(
         contact.client,
         family,
@@ -248,48 +247,56 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
         lambda: _is_still_there(contact),
         spare=True,
     )
-    yield from secure(task)
-    if family.has_feeder:
-        made.feeder = FeederState.RUNNING if task.feeds else FeederState.STOPPED
-    for tool, one in zip(task.tools, made.tools, strict=True):
-        yield from _report(contact, task, tool, one, tools[tool.port])
+    await secure(task)
+    _store_feeder(task, made)
+    for tool, result in zip(task.tools, made.tools, strict=True):
+        _store_result(task, tool, result)
+        await _report(contact, task, tool, result, tools[tool.port])
 
 
-def _order_over_flood(
+async def _order_over_flood(
     target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded
-) -> Steps[None]:
+) -> None:
     """Order the safe state on every port of line file or family, unproven, over a flooded link."""
     client = client_for(family, target.line, target.address)
-    client.unasked((yield Wait(0.0)))
+    client.unasked(await wait(0.0))
     client.flow.is_flooded = True
     ports = target.ports or family.ports or PORTS
 
-    def prove() -> Steps[bool]:
-        model = str((yield from read_confirmed(client, family.commands["model"])))
+    async def prove() -> bool:
+        model = str(await read_confirmed(client, family.commands["model"]))
         return family.proves(model) if target.model is None else model == target.model
 
     tools = [ToolSafety(port) for port in ports]
     task = SafetyTask(
         client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False
     )
-    yield from secure(task)
-    made.family, made.note = family.name, str(flood)
-    if family.has_feeder:
+    await secure(task)
+    made.family = family.name
+    made.note = str(flood)
+    made.tools = [MadeSafe(port, None) for port in ports]
+    _store_feeder(task, made)
+    for tool, result in zip(task.tools, made.tools, strict=True):
+        _store_result(task, tool, result)
+
+
+def _store_feeder(task: SafetyTask, made: StationMadeSafe) -> None:
+    if task.family.has_feeder:
         made.feeder = FeederState.RUNNING if task.feeds else FeederState.STOPPED
-    for tool in tools:
-        one = MadeSafe(
-            tool.port,
-            None,
-            ordered=None if tool.ordered is None else family.status.state(tool.ordered),
-        )
-        if tool.is_safe and tool.status is not None:
-            one.state = family.status.state(tool.status)
-        else:
-            one.problem = _unconfirmed(tool, task)
-        made.tools.append(one)
 
 
-def order_unanswered(target: Target, made: StationMadeSafe) -> Steps[None]:
+def _store_result(task: SafetyTask, tool: ToolSafety, result: MadeSafe) -> None:
+    """Store what a tool confirmed."""
+    status = task.family.status
+    if tool.ordered is not None:
+        result.ordered = status.state(tool.ordered)
+    if tool.is_safe and tool.status is not None:
+        result.state = status.state(tool.status)
+    else:
+        result.problem = _unconfirmed(tool, task)
+
+
+async def order_unanswered(target: Target, made: StationMadeSafe) -> None:
     """Stop the feeder, and order the family's safe state once on every port of line file or family,
     without asking which station it is. Raises `LinkError`.
     """
@@ -300,37 +307,34 @@ def order_unanswered(target: Target, made: StationMadeSafe) -> Steps[None]:
     if word is None:
         return
     client = client_for(family, target.line, target.address)
-    client.unasked((yield Wait(0.0)))
-    client.unasked((yield Reopen()))
+    client.unasked(await wait(0.0))
+    client.unasked(await reopen())
     if family.has_feeder:
-        yield from write_unanswered(client, family, "stop_feeding", 0)
+        await write_unanswered(client, family, "stop_feeding", 0)
         made.feeder = FeederState.RUNNING  # as far as anybody knows
     state = family.status.state(word)
     for port in target.ports or family.ports or PORTS:
         problem = f"{state} was ordered once without an answer, not confirmed: {SWITCH_OFF}"
-        if not (yield from write_unanswered(client, family, "status", word, port)):
+        if not await write_unanswered(client, family, "status", word, port):
             problem = f"{state} could not be sent: {SWITCH_OFF}"
         made.tools.append(MadeSafe(port, None, ordered=state, problem=problem))
 
 
 def _unconfirmed(tool: ToolSafety, task: SafetyTask) -> str:
-    what = (
-        "was ordered to rest and does not confirm it"
-        if tool.reached == SafetyResult.SENT
-        else "could not be made safe"
-    )
-    return (
-        f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot:"
-        f" {SWITCH_OFF}"
-    )
+    what = "could not be made safe"
+    if tool.reached == SafetyResult.SENT:
+        what = "was ordered to rest and does not confirm it"
+    if task.flood is not None:
+        what += " (its link is flooded)"
+    return f"it {what}; it may be hot: {SWITCH_OFF}"
 
 
-def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
+async def _proven(contact: Contact, made: StationMadeSafe) -> Family:
     """Return the family that the station itself proves, regardless of the line file; for an
     accepted model name, the family that reads prove. Raises `StartRefused` for any other station.
     """
     if contact.is_proven:
-        yield from expect_borne_out(contact)
+        await expect_borne_out(contact)
         return contact.family
     found = family_of(contact.model or "")
     if found is None:
@@ -344,16 +348,16 @@ def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
     return found
 
 
-def _is_still_there(contact: Contact) -> Steps[bool]:
-    return (yield from contact.client.read(contact.family.commands["model"])) == contact.model
+async def _is_still_there(contact: Contact) -> bool:
+    return await contact.client.read(contact.family.commands["model"]) == contact.model
 
 
-def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int | None]]:
+async def _find_tools(contact: Contact, made: StationMadeSafe) -> dict[int, int | None]:
     """Find the tools of all ports. None is a tool that could not be read; it counts as one."""
     tools: dict[int, int | None] = {}
     for port in contact.family.ports or PORTS:
         try:
-            code = yield from find_tool(contact, port)
+            code = await find_tool(contact, port)
         except (StationError, LinkError):
             tools[port] = None
         else:
@@ -368,19 +372,17 @@ def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int 
     return tools
 
 
-def _report(
+async def _report(
     contact: Contact, task: SafetyTask, tool: ToolSafety, made: MadeSafe, code: int | None
-) -> Steps[None]:
-    status = contact.family.status
-    made.rested, made.fell_back = tool.was_spared, tool.fell_back
-    made.ordered = None if tool.ordered is None else status.state(tool.ordered)
+) -> None:
+    made.rested = tool.was_spared
+    made.fell_back = tool.fell_back
     if task.flood is None:
-        made.temperature_c = made.last_c = yield from temperature_of(contact, tool.port)
-    if not tool.is_safe or tool.status is None:
-        made.problem = _unconfirmed(tool, task)
+        made.temperature_c = made.last_c = await temperature_of(contact, tool.port)
+    if made.state is None or tool.status is None:
         return
-    made.state, made.suction = status.state(tool.status), status.sucks(tool.status)
-    made.cooling = yield from cooling_of(contact, tool.port, code, made.state)
+    made.suction = contact.family.status.sucks(tool.status)
+    made.cooling = await cooling_of(contact, tool.port, code, made.state)
     made.problem = _stays_hot(made.cooling, code)
 
 
@@ -401,9 +403,7 @@ def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
             f" it, or {SWITCH_OFF}"
         )
     off = [DELAYS[what].replace("_", " ") for what in cooling.never]
-    return (
-        f"its {' and '.join(off)} {'is' if len(off) == 1 else 'are'} off, so it never cools down:"
-        f" {SWITCH_OFF}"
-        if off
-        else None
-    )
+    if not off:
+        return None
+    verb = "is" if len(off) == 1 else "are"
+    return f"its {' and '.join(off)} {verb} off, so it never cools down: {SWITCH_OFF}"

@@ -20,7 +20,6 @@ from jbclog.core.errors import (
     StationError,
     UsageError,
 )
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client import timing
 from jbclog.protocol.client.robot import BADLY_FORMED, Station
@@ -28,11 +27,8 @@ from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.omega import ConditionNumber, StoredRecord
-from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.manual.contact import (
-    WHOLE_STATION,
     Contact,
-    Place,
     Target,
     expect_proven,
     find_tool,
@@ -44,7 +40,8 @@ from jbclog.session.manual.contact import (
 from jbclog.session.manual.danger import ONLY_COLD, Keep, expect_cold, take_snapshot
 from jbclog.session.manual.names import find, is_order, writable
 from jbclog.session.manual.read import found_after_all
-from jbclog.session.manual.values import names_suction, shown, value_in
+from jbclog.session.manual.value_text import names_suction, shown, value_in
+from jbclog.session.setting_write import WHOLE_STATION, Attempt, Place, SettingWrite
 
 
 class WriteOutcome(StrEnum):
@@ -62,8 +59,6 @@ SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType(
     {"start_feeding": FeederState.RUNNING, "stop_feeding": FeederState.STOPPED}
 )
 """Orders without a value, and the state of `FEEDING` that shows them."""
-
-Mirror = tuple[Command, Place]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +83,7 @@ class WriteRequest:
 
 @dataclass(slots=True)
 class WriteResult:
-    """One write in progress. `is_sent`: the station may have received it. `is_answered`: it was
-    acknowledged or timed out, so a later refusal is one of the read-back.
+    """One write in progress. `is_sent`: the station may have received it.
 
     `outcome` is a `WriteOutcome`, empty before it is sent; `problem` is its reason. `at_work`: the
     tool is, or may be, at work now; None if the write does not affect it. `is_empty`: the port has
@@ -103,7 +97,6 @@ class WriteResult:
     before: Value | None = None
     readback: Value | None = None
     is_sent: bool = False
-    is_answered: bool = False
     outcome: str = ""
     problem: str = ""
     at_work: bool | None = None
@@ -115,289 +108,289 @@ class WriteResult:
         return self.outcome in FINE
 
 
-def write_value(
+async def write_value(
     target: Target, change: WriteRequest, keep: Keep, written: WriteResult
-) -> Steps[None]:
+) -> None:
     """Write `change` once; `written` has the result so far, even after an exception.
 
     Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
     """
-    contact = written.contact = yield from open_contact(target)
-    yield from expect_proven(contact)
+    contact = written.contact = await open_contact(target)
+    await expect_proven(contact)
     command, value = found_after_all(contact, lambda: change.meant(contact.family))
-    written.command, written.value = command, None if is_order(command) else value
-    written.place = yield from _place(contact, command, change.place)
-    yield from _expect_within(contact, command, value)
-    yield from _read_before(contact, command, value, written)
-    if _is_status(contact, command) and isinstance(value, tuple) and not names_suction(change.text):
-        value = written.value = _with_suction_as_it_is(contact, value, written.before)
-    if written.before == value and not _is_status(contact, command):
-        written.outcome, written.readback = WriteOutcome.UNCHANGED, written.before
+    written.command = command
+    written.value = None if is_order(command) else value
+    try:
+        expect_one_port(command, change.place, contact.ports)
+    except UsageError as error:
+        raise StartRefused(f"{contact.name}: {error}") from error
+    (written.place,) = await places(contact, command, change.place)
+    write = ManualWrite(contact, command, value, written)
+    await write.check(keeps_suction=not names_suction(change.text))
+    if written.outcome == WriteOutcome.UNCHANGED:
         return
     if command.dangerous:
-        yield from _prepare(contact, command, value, keep)
-    yield from _write(contact, command, value, written)
-    yield from _look_at_work(contact, command, written)
+        await write.prepare(keep)
+    await write.send()
+    await write.look_at_work()
 
 
 def expect_one_port(command: Command, place: Place, ports: tuple[int, ...] | None) -> None:
     """Raise `UsageError` if a port must be named: nothing is written to several at once."""
-    if (
-        command.scope not in (Scope.PORT, Scope.TOOL)
-        or place.port is not None
-        or (ports is not None and len(ports) == 1)
-    ):
+    if command.scope not in (Scope.PORT, Scope.TOOL) or place.port is not None:
         return
-    which = f", one of {', '.join(map(str, ports))}" if ports is not None else ""
+    which = ""
+    if ports is not None:
+        if len(ports) == 1:
+            return
+        which = f", one of {', '.join(map(str, ports))}"
     raise UsageError(f"{command.name} belongs to a port: name it with --port{which}")
 
 
-def _place(contact: Contact, command: Command, asked: Place) -> Steps[Place]:
-    try:
-        expect_one_port(command, asked, contact.ports)
-    except UsageError as error:
-        raise StartRefused(f"{contact.name}: {error}") from error
-    (place,) = yield from places(contact, command, asked)
-    return place
+class ManualWrite:
+    """One write on its way: `check`, `prepare` if it is dangerous, `send`, `look_at_work`."""
 
+    def __init__(
+        self, contact: Contact, command: Command, value: Value, written: WriteResult
+    ) -> None:
+        self.contact = contact
+        self.command = command
+        self.value = value
+        self.written = written
+        self.is_status = command is contact.family.command_of("status")
+        # what reads the write back, and where; C reads OMEGA's D back
+        self.mirror: tuple[Command, Place] | None = None
+        if command.readable:
+            self.mirror = command, written.place
+        elif isinstance(value, StoredRecord):
+            condition = Place(condition=value.condition)
+            self.mirror = contact.family.commands["condition"], condition
 
-def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[None]:
-    """Check `value` against the station's own limits."""
-    if command.within is None or not isinstance(value, int | float):
-        return
-    names = ("below", "minimum"), ("above", "maximum")
-    for (side, which), limit_name in zip(names, command.within, strict=True):
-        limit = None if limit_name is None else (yield from _limit(contact, limit_name))
-        if limit is None and side == "above":
-            raise StartRefused(
-                f"{contact.name}: the station does not answer its {limit_name}; nothing was written"
-            )
-        if limit is not None and (value < limit if side == "below" else value > limit):
-            bound = f"{side} the station's {which} of {command.shown(limit)}"
-            raise StartRefused(
-                f"{contact.name}: {command.shown(value)} is {bound}; nothing was written"
-            )
+    async def check(self, *, keeps_suction: bool) -> None:
+        """Check the station's own limits and read the value before; the outcome is UNCHANGED if
+        there is nothing to write. Raises `StartRefused`.
 
+        `keeps_suction`: an order about heat must not drop the part. Unknown counts as off.
+        """
+        written = self.written
+        await self._expect_within()
+        await self._read_before()
+        if self.is_status:
+            if keeps_suction and isinstance(self.value, tuple):
+                status, before = self.contact.family.status, written.before
+                is_on = isinstance(before, tuple) and status.sucks(before)
+                self.value = written.value = status.with_suction(self.value, on=is_on)
+        elif written.before == self.value:
+            written.outcome = WriteOutcome.UNCHANGED
+            written.readback = written.before
 
-def _limit(contact: Contact, name: str) -> Steps[float | None]:
-    command = contact.family.commands.get(name)
-    try:
-        found = (
-            None if command is None else (yield from contact.read_confirmed(command, WHOLE_STATION))
-        )
-    except NotSupported:
-        return None
-    except StationError as error:
-        raise StartRefused(
-            f"{contact.name}: {name} cannot be read ({sentence(error)}); nothing was written"
-        ) from error
-    return found if isinstance(found, int | float) else None
-
-
-def _prepare(contact: Contact, command: Command, value: Value, keep: Keep) -> Steps[None]:
-    if command.name in ONLY_COLD:
-        yield from expect_cold(contact)
-    keep((yield from take_snapshot(contact, _number_in(command, value))))
-
-
-def _number_in(command: Command, value: Value) -> int | None:
-    """Return the number of the solder condition to write or run."""
-    if isinstance(value, StoredRecord):
-        return value.condition
-    return (
-        value if isinstance(command.quantity, ConditionNumber) and isinstance(value, int) else None
-    )
-
-
-def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> Mirror | None:
-    """Return what reads a write back, and where; None if nothing does. C reads OMEGA's D back."""
-    if command.readable:
-        return command, place
-    if isinstance(value, StoredRecord):
-        return contact.family.commands["condition"], Place(condition=value.condition)
-    return None
-
-
-def _read_before(
-    contact: Contact, command: Command, value: Value, written: WriteResult
-) -> Steps[None]:
-    """Read the value before. An unreadable tool state does not prevent an order, which may stop the
-    tool.
-    """
-    mirror = _mirror(contact, command, value, written.place)
-    if mirror is None:
-        return
-    try:
-        written.before = yield from contact.read_confirmed(*mirror)
-    except StationError as error:
-        if not _is_status(contact, command):
-            raise StartRefused(
-                f"{contact.name}: {title(command, written.place)} cannot be read"
-                f" ({sentence(error)}); nothing was written"
-            ) from error
-
-
-def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
-    """Keep suction unchanged: an order about heat must not drop the part. Unknown counts as off."""
-    status = contact.family.status
-    return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
-
-
-def _is_status(contact: Contact, command: Command) -> bool:
-    return command is contact.family.command_of("status")
-
-
-def _write(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[None]:
-    written.is_sent, written.outcome = True, WriteOutcome.UNCONFIRMED
-    try:
-        yield from _send(contact, command, value, written)
-    except (StationError, LinkError) as error:
-        if isinstance(error, Refusal) and not written.is_answered:
-            written.outcome, written.problem = (
-                WriteOutcome.REFUSED,
-                sentence(error) + _refused_form(command, error),
-            )
-        else:
-            written.outcome, written.problem = WriteOutcome.UNCONFIRMED, str(error)
-
-
-def _refused_form(command: Command, error: Refusal) -> str:
-    """Explain why an order refused for its form is not tried in another form
-    (docs/reference/contradictions.md, B-37).
-    """
-    if error.code != BADLY_FORMED or not (is_order(command) and command.sent_once):
-        return ""
-    return (
-        "; it was not done. The manuals print no data for this order, and an order that acts or"
-        " erases is not tried in a second form: give it at the station"
-    )
-
-
-def _send(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[None]:
-    client = contact.client
-    if command.name == "restart":
-        written.seconds = yield from timing.restart(client, command)
-        written.outcome = WriteOutcome.SENT
-    elif command.name == "address" and isinstance(client, Station) and isinstance(value, int):
-        yield from timing.change_address(client, command, value or None)
-        written.outcome = WriteOutcome.CONFIRMED
-    elif command.name == "factory_reset":
-        yield from client.write(command, value)
-        written.outcome, written.is_answered = WriteOutcome.SENT, True
-        yield from _check_reachable(contact, written)
-    elif command.name in SHOWN_BY:
-        yield from _send_and_look(contact, command, written)
-    elif (mirror := _mirror(contact, command, value, written.place)) is not None:
-        yield from _send_and_read(contact, command, value, mirror, written)
-    else:
-        yield from client.write(command, value)
-        written.outcome = WriteOutcome.SENT
-
-
-def _check_reachable(contact: Contact, written: WriteResult) -> Steps[None]:
-    """Check that the station answers: a reset may change address, line format and Robot mode."""
-    try:
-        yield from contact.client.read(timing.MODEL)
-    except StationError as error:
-        written.problem = (
-            f"the station no longer answers as before ({sentence(error)}); find it with `jbclog"
-            " scan`"
-        )
-
-
-def _lost(
-    contact: Contact, command: Command, value: Value, written: WriteResult
-) -> Steps[StationError | None]:
-    """Write once; return the error that came instead of an acknowledgement, if any. Raises
-    `Refusal`.
-    """
-    lost = None
-    try:
-        yield from contact.client.write(command, value, written.place.port, written.place.tool)
-    except Refusal:
-        raise
-    except StationError as error:
-        lost = error
-    written.is_answered = True
-    return lost
-
-
-def _send_and_read(
-    contact: Contact, command: Command, value: Value, mirror: Mirror, written: WriteResult
-) -> Steps[None]:
-    """Write and read back; the read-back decides even after a lost acknowledgement."""
-    yield from _lost(contact, command, value, written)
-    found = written.readback = yield from contact.read_confirmed(*mirror, known=value)
-    written.outcome = (
-        WriteOutcome.CONFIRMED
-        if _is_same(contact, command, found, value)
-        else WriteOutcome.MISMATCH
-    )
-    if written.outcome == WriteOutcome.MISMATCH:
-        written.problem = f"{shown(found, command, contact.family)} was read back"
-
-
-def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> bool:
-    if isinstance(found, tuple) and isinstance(asked, tuple) and _is_status(contact, command):
-        status = contact.family.status
-        return status.confirms(found, asked) and status.sucks(found) == status.sucks(asked)
-    return found == asked
-
-
-def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Write an order and check the feeder. A feed may end unseen: only a stop must show."""
-    written.at_work = True  # until known otherwise
-    lost = yield from _lost(contact, command, 0, written)
-    expected = SHOWN_BY[command.name]
-    found = written.readback = yield from contact.read_confirmed(
-        contact.family.commands[FEEDING], WHOLE_STATION, known=expected
-    )
-    written.at_work = found != FeederState.STOPPED
-    if found == expected:
-        written.outcome = WriteOutcome.CONFIRMED
-    elif lost is not None:
-        raise lost
-    elif command.effect is Effect.STOPS:
-        written.outcome, written.problem = WriteOutcome.MISMATCH, f"{FEEDING} is {found}"
-    else:
-        written.outcome = WriteOutcome.SENT
-
-
-def _look_at_work(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Determine whether a tool is at work after an order to it, or after selecting another
-    temperature for it.
-    """
-    is_refused = written.outcome == WriteOutcome.REFUSED
-    if _is_status(contact, command):
-        word = written.before if is_refused else written.readback
-    elif command is contact.family.command_of("set_c") and not is_refused:
-        word = yield from _status_now(contact, written.place.port)
-        if word is None:
+    async def _expect_within(self) -> None:
+        """Check the value against the station's own limits."""
+        if self.command.within is None or not isinstance(self.value, int | float):
             return
-    else:
-        return
-    # unknown counts as at work
-    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True
-    written.is_empty = written.at_work and (yield from _is_empty(contact, written.place.port))
+        lowest, highest = self.command.within
+        least = None if lowest is None else await self._limit(lowest)
+        if least is not None and self.value < least:
+            raise self._refusal(self._outside("below the station's minimum", least))
+        most = None if highest is None else await self._limit(highest)
+        if most is None:
+            raise self._refusal(f"the station does not answer its {highest}")
+        if self.value > most:
+            raise self._refusal(self._outside("above the station's maximum", most))
 
+    def _outside(self, bound: str, limit: float) -> str:
+        return f"{self.command.shown(self.value)} is {bound} of {self.command.shown(limit)}"
 
-def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
-    """Return True if the station reports no tool in `port`."""
-    if port is None or contact.family.command_of("tool") is None:
-        return False
-    try:
-        return contact.family.is_empty((yield from find_tool(contact, port)), None)
-    except (StationError, LinkError):
-        return False
+    def _refusal(self, why: str) -> StartRefused:
+        return StartRefused(f"{self.contact.name}: {why}; nothing was written")
 
+    async def _limit(self, name: str) -> float | None:
+        """Return the limit that the station reports under this name; None if it has none."""
+        command = self.contact.family.commands.get(name)
+        if command is None:
+            return None
+        try:
+            limit = await self.contact.read_confirmed(command, WHOLE_STATION)
+        except NotSupported:
+            return None
+        except StationError as error:
+            raise self._refusal(f"{name} cannot be read ({sentence(error)})") from error
+        return limit if isinstance(limit, int | float) else None
 
-def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
-    """Return the state of the tool in `port`; None if unknown."""
-    status = contact.family.command_of("status")
-    try:
-        return None if status is None else (yield from contact.read(status, Place(port)))
-    except (StationError, LinkError):
-        return None
+    async def _read_before(self) -> None:
+        """Read the value before. An unreadable tool state does not prevent an order, which may stop
+        the tool.
+        """
+        if self.mirror is None:
+            return
+        try:
+            self.written.before = await self.contact.read_confirmed(*self.mirror)
+        except StationError as error:
+            if not self.is_status:
+                name = title(self.command, self.written.place)
+                raise self._refusal(f"{name} cannot be read ({sentence(error)})") from error
+
+    async def prepare(self, keep: Keep) -> None:
+        """Before a dangerous write: expect cold tools, and keep the settings."""
+        if self.command.name in ONLY_COLD:
+            await expect_cold(self.contact)
+        condition = None  # the number of the solder condition to write or run
+        if isinstance(self.value, StoredRecord):
+            condition = self.value.condition
+        elif isinstance(self.command.quantity, ConditionNumber) and isinstance(self.value, int):
+            condition = self.value
+        keep(await take_snapshot(self.contact, condition))
+
+    async def send(self) -> None:
+        """Write once and prove the result. Does not raise errors of station or link."""
+        written = self.written
+        written.is_sent = True
+        written.outcome = WriteOutcome.UNCONFIRMED
+        try:
+            await self._send()
+        except Refusal as error:
+            written.outcome = WriteOutcome.REFUSED
+            written.problem = sentence(error) + self._refused_form(error)
+        except (StationError, LinkError) as error:
+            written.outcome = WriteOutcome.UNCONFIRMED
+            written.problem = str(error)
+
+    async def _send(self) -> None:
+        contact, command, value, written = self.contact, self.command, self.value, self.written
+        client = contact.client
+        if command.name == "restart":
+            written.seconds = await timing.restart(client, command)
+            written.outcome = WriteOutcome.SENT
+        elif command.name == "address" and isinstance(client, Station) and isinstance(value, int):
+            await timing.change_address(client, command, value or None)
+            written.outcome = WriteOutcome.CONFIRMED
+        elif command.name in SHOWN_BY:
+            await self._send_to_feeder()
+        elif self.mirror is not None:
+            await self._send_and_read(*self.mirror)
+        else:
+            await client.write(command, value)
+            written.outcome = WriteOutcome.SENT
+            if command.name == "factory_reset":
+                await self._check_reachable()
+
+    async def _check_reachable(self) -> None:
+        """Check that the station answers: a reset may change address, format and Robot mode."""
+        try:
+            await self.contact.client.read(timing.MODEL)
+        except StationError as error:
+            self.written.problem = (
+                f"the station no longer answers as before ({sentence(error)}); find it with"
+                " `jbclog scan`"
+            )
+
+    async def _send_and_read(self, mirror: Command, place: Place) -> None:
+        """Write and read back; the read-back decides even after a lost acknowledgement."""
+        written, family = self.written, self.contact.family
+        write = self._single_write(mirror, place, self.value)
+        await self._attempt(write)
+        if written.readback is None:
+            return
+        if write.is_confirmed(written.readback, family.status):
+            written.outcome = WriteOutcome.CONFIRMED
+        else:
+            written.outcome = WriteOutcome.MISMATCH
+            written.problem = f"{shown(written.readback, self.command, family)} was read back"
+
+    async def _send_to_feeder(self) -> None:
+        """Write an order and check the feeder. A feed may end unseen: only a stop must show."""
+        written = self.written
+        written.at_work = True  # until known otherwise
+        expected = SHOWN_BY[self.command.name]
+        feeding = self.contact.family.commands[FEEDING]
+        attempt = await self._attempt(self._single_write(feeding, WHOLE_STATION, expected))
+        if written.readback is None:
+            return
+        written.at_work = written.readback != FeederState.STOPPED
+        if written.readback == expected:
+            written.outcome = WriteOutcome.CONFIRMED
+        elif attempt.write_error is not None:
+            raise attempt.write_error
+        elif self.command.effect is Effect.STOPS:
+            written.outcome = WriteOutcome.MISMATCH
+            written.problem = f"{FEEDING} is {written.readback}"
+        else:
+            written.outcome = WriteOutcome.SENT
+
+    def _single_write(self, mirror: Command, place: Place, expected: Value) -> SettingWrite:
+        """Return the write that `mirror` reads back; one answer is enough if it is the expected
+        one.
+        """
+        contact = self.contact
+        return SettingWrite(
+            contact.client,
+            self.command,
+            self.written.place,
+            self.value,
+            lambda: contact.read_confirmed(mirror, place, known=expected),
+        )
+
+    async def _attempt(self, write: SettingWrite) -> Attempt:
+        """Write once and read back; the outcome stays UNCONFIRMED if that fails. Raises a refusal
+        of the write.
+        """
+        attempt = await write.attempt()
+        if attempt.is_refused and attempt.write_error is not None:
+            raise attempt.write_error
+        self.written.readback = attempt.readback
+        if attempt.read_error is not None:
+            self.written.problem = str(attempt.read_error)
+        return attempt
+
+    def _refused_form(self, error: Refusal) -> str:
+        """Explain why an order refused for its form is not tried in another form
+        (docs/reference/contradictions.md, B-37).
+        """
+        if error.code != BADLY_FORMED or not (is_order(self.command) and self.command.sent_once):
+            return ""
+        return (
+            "; it was not done. The manuals print no data for this order, and an order that acts or"
+            " erases is not tried in a second form: give it at the station"
+        )
+
+    async def look_at_work(self) -> None:
+        """Determine whether a tool is at work after an order to it, or after selecting another
+        temperature for it.
+        """
+        written, family = self.written, self.contact.family
+        is_refused = written.outcome == WriteOutcome.REFUSED
+        word: Value | None
+        if self.is_status:
+            word = written.before if is_refused else written.readback
+        elif self.command is family.command_of("setpoint_c") and not is_refused:
+            word = await self._status_now()
+            if word is None:
+                return
+        else:
+            return
+        # unknown counts as at work
+        written.at_work = not isinstance(word, tuple) or family.status.is_working(word)
+        written.is_empty = written.at_work and await self._is_empty()
+
+    async def _is_empty(self) -> bool:
+        """Return True if the station reports no tool in the port."""
+        port = self.written.place.port
+        if port is None or self.contact.family.command_of("tool") is None:
+            return False
+        try:
+            return self.contact.family.is_empty(await find_tool(self.contact, port), None)
+        except (StationError, LinkError):
+            return False
+
+    async def _status_now(self) -> Value | None:
+        """Return the state of the tool in the port; None if unknown."""
+        status = self.contact.family.command_of("status")
+        if status is None:
+            return None
+        try:
+            return await self.contact.read(status, Place(self.written.place.port))
+        except (StationError, LinkError):
+            return None
 
 
 def is_order_to_rest(contact: Contact, written: WriteResult) -> bool:
@@ -407,7 +400,7 @@ def is_order_to_rest(contact: Contact, written: WriteResult) -> bool:
     command = written.command
     if command is None:
         return False
-    if _is_status(contact, command):
+    if command is contact.family.command_of("status"):
         status = contact.family.status
         plain = (
             status.with_suction(written.value, on=False)

@@ -17,8 +17,8 @@ from enum import IntEnum
 
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
-from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.watch import counts
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import PortState
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ def bears_out(context: SessionContext, port: PortState, value: int) -> bool:
         return False
     for side in SIDES:
         if _is_beyond(side, port, value) and not _is_beyond(side, port, before):
-            return counts(context, port)
+            return context.state.alarms_count(port)
     return False
 
 
@@ -103,7 +103,7 @@ class AlarmWatch:
             f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an"
             " alarm was raised is not known."
         )
-        self._context.note(
+        self._context.log.note(
             "alarm.unknown", Severity.WARNING, text, port=self._port.number, since=self._last_read
         )
         self._start_period(now)
@@ -111,7 +111,7 @@ class AlarmWatch:
     def _start_period(self, now: float) -> None:
         self._last_read = now
         self._port.hottest_c = self._port.coolest_c = None
-        self._port.has_counted = counts(self._context, self._port)
+        self._port.has_counted = self._context.state.alarms_count(self._port)
 
     def _known_of(self, side: _Side) -> FlagState:
         """Classify a set flag by the temperatures since the last reading; only those that count
@@ -141,7 +141,7 @@ class AlarmWatch:
                 "was raised while heating up or not working",
             )
         elif known is FlagState.UNCONFIRMED:
-            self._context.facts.unconfirmed_alarms += 1
+            self._context.state.facts.unconfirmed_alarms += 1
             self._note(
                 side,
                 "alarm.unconfirmed",
@@ -151,8 +151,8 @@ class AlarmWatch:
                 limit,
             )
         else:
-            self._context.facts.alarms += 1
-            self._context.facts.unconfirmed_alarms -= reported is FlagState.UNCONFIRMED
+            self._context.state.facts.alarms += 1
+            self._context.state.facts.unconfirmed_alarms -= reported is FlagState.UNCONFIRMED
             text = f"alarm: {seen} °C was seen, the limit is {limit:g} °C"
             self._note(side, f"alarm.{side.word}", Severity.ERROR, text, seen, limit)
 
@@ -174,7 +174,7 @@ class AlarmWatch:
         limit: float | None = None,
     ) -> None:
         sentence = f"Port {self._port.number}: {side.word}-temperature {text}."
-        self._context.note(
+        self._context.log.note(
             kind,
             severity,
             sentence,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
-from jbclog.core.io_requests import RunEnded, Steps
+from jbclog.core.io_requests import RunEnded
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.omega import (
     ConditionRecord,
@@ -25,14 +25,14 @@ from jbclog.session.run.watch import report_change
 BAD = (SettingOutcome.MISMATCH, SettingOutcome.REFUSED)
 
 
-def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
+async def look_at_condition(context: SessionContext) -> ConditionRecord | None:
     """Read and compare the recipe's condition; return the one to write. Raises `StartRefused` if it
     must not be written.
     """
-    wanted = condition_of(context.recipe, context.family)
+    wanted = condition_of(context.order.recipe, context.state.family)
     if wanted is None:
         return None
-    held = yield from _held(context, wanted)
+    held = await _held(context, wanted)
     if held == wanted:
         _rows(context, wanted, held, SettingOutcome.UNCHANGED)
         return None
@@ -46,32 +46,32 @@ def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
     return wanted
 
 
-def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> Steps[None]:
+async def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> None:
     """Write the condition that `look_at_condition` returned. Raises `StartRefused` if it is not
     confirmed.
     """
     if wanted is not None:
-        held = context.held["condition"]
+        held = context.state.held["condition"]
         assert isinstance(held, StoredRecord)
-        yield from _write(context, wanted, held)
+        await _write(context, wanted, held)
 
 
-def check_condition(context: SessionContext) -> Steps[None]:
+async def check_condition(context: SessionContext) -> None:
     """Read the condition again at the end; report a change."""
-    before = context.held.get("condition")
+    before = context.state.held.get("condition")
     if not isinstance(before, StoredRecord):
         return
     try:
-        found = yield from _read(context, before.condition)
+        found = await _read(context, before.condition)
     except StationError as error:
         text = (
             f"Condition {before.condition} could not be read at the end: {error}. The settings have"
             " it as it was at the start."
         )
-        context.note("setting.unread", Severity.WARNING, text)
+        context.log.note("setting.unread", Severity.WARNING, text)
         return
     if found != before:
-        context.held["condition"] = found
+        context.state.held["condition"] = found
         was, now = (
             ", ".join(f"{one[0]} {one[place]}" for one in differing(before, found))
             for place in (1, 2)
@@ -79,16 +79,16 @@ def check_condition(context: SessionContext) -> Steps[None]:
         report_change(context, None, f"condition_{before.condition}", was, now)
 
 
-def _read(context: SessionContext, number: int) -> Steps[StoredRecord]:
-    found = yield from context.read_confirmed(context.command("condition").numbered(number))
+async def _read(context: SessionContext, number: int) -> StoredRecord:
+    found = await context.reads.confirmed(context.command("condition").numbered(number))
     assert isinstance(found, StoredRecord)
     return found
 
 
-def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecord]:
+async def _held(context: SessionContext, wanted: ConditionRecord) -> StoredRecord:
     """Return the controller's record under the recipe's number, before anything is written."""
     try:
-        held = yield from _read(context, wanted.condition)
+        held = await _read(context, wanted.condition)
     except NotSupported as error:
         _rows(context, wanted, None, SettingOutcome.REFUSED)
         raise StartRefused(
@@ -100,7 +100,7 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecor
         ) from error
     if isinstance(held, SetTemperature):
         _note_unknown_scale(context, held)
-    context.held["condition"] = held
+    context.state.held["condition"] = held
     return held
 
 
@@ -114,13 +114,13 @@ def _note_unknown_scale(context: SessionContext, held: SetTemperature) -> None:
     context.station.anomalies.meet(51, place, context.station.data)
 
 
-def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord) -> Steps[None]:
+async def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord) -> None:
     """Write once, read back, compare. After an exception the write may or may not have been
     executed.
     """
     try:
-        ignored = yield from _write_once(context, wanted)
-        found = yield from _read(context, wanted.condition)
+        ignored = await _write_once(context, wanted)
+        found = await _read(context, wanted.condition)
     except (LinkError, RunEnded, StationError) as error:
         _rows(context, wanted, None, SettingOutcome.UNCONFIRMED, written=True)
         if not isinstance(error, StationError):
@@ -128,7 +128,7 @@ def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord)
         raise StartRefused(
             f"{_asked(context, wanted)}, it could not be read back ({error}); before it was {held}"
         ) from error
-    context.held["condition"] = found
+    context.state.held["condition"] = found
     if found == wanted:
         _rows(context, wanted, found, SettingOutcome.CONFIRMED, written=True)
         return
@@ -146,12 +146,12 @@ def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord)
     )
 
 
-def _write_once(context: SessionContext, wanted: ConditionRecord) -> Steps[bool]:
+async def _write_once(context: SessionContext, wanted: ConditionRecord) -> bool:
     """Write; return True if it was ignored. The read-back decides even after a lost
     acknowledgement.
     """
     try:
-        yield from context.station.write(context.command("store_condition"), wanted)
+        await context.station.write(context.command("store_condition"), wanted)
     except Ignored:
         return True
     except StationError:
@@ -178,16 +178,16 @@ def _rows(
     for name, unit, text in wanted.values():
         readback = held.get(name)
         row = SettingRow(
-            time=context.utc.micros(context.now),
+            time=context.log.utc.micros(context.now),
             station=context.name,
             port=None,
-            tool=None,
+            tool_name=None,
             setting=f"condition_{wanted.condition}.{name}",
-            unit=unit,
+            uom=unit,
             requested=text,
             written=text if written else None,
             readback=readback,
             nak=None,
             outcome=SettingOutcome.UNCHANGED if readback == text and outcome in BAD else outcome,
         )
-        context.journal.setting(row)
+        context.log.journal.setting(row)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from jbclog.core.errors import StationError
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import PortState
 
 DELAY_UNIT, NO_COUNTDOWN = 20, 25  # B-numbers (docs/reference/contradictions.md)
 LATE_S, EARLY_S = 30, 5  # tolerance of a countdown shortly after its start
@@ -25,24 +25,27 @@ def note_zero_countdown(context: SessionContext, port: PortState, value: Value) 
         _note_anomaly(context, NO_COUNTDOWN, "time to sleep", port)
 
 
-def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
+async def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> None:
     """Compare the time to sleep with the sleep delay on `ports`, which were at work and have just
     been put in stand.
 
     Manuals give the delay in minutes, in seconds or without a unit; only this comparison can decide
     (docs/reference/contradictions.md, B-20).
     """
-    if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:
+    if (
+        "time_to_sleep" not in context.state.family.commands
+        or "delay_s" in context.state.not_supported
+    ):
         return
     for port in ports:
         delay = port.held.get("sleep_delay")
         if isinstance(delay, int) and delay > 0 and port.status is not None and port.status[4] == 1:
-            yield from _compare_countdown(context, port, delay)
+            await _compare_countdown(context, port, delay)
 
 
-def _compare_countdown(context: SessionContext, port: PortState, delay: int) -> Steps[None]:
+async def _compare_countdown(context: SessionContext, port: PortState, delay: int) -> None:
     try:
-        left = yield from context.station.read(context.command("time_to_sleep"), port.number)
+        left = await context.station.read(context.command("time_to_sleep"), port.number)
     except StationError:
         return
     if (

@@ -6,29 +6,30 @@ Each is read at the start and at the end of a run, until two answers are equal.
 from __future__ import annotations
 
 from jbclog.core.errors import LinkError, NotSupported, RobotModeOff, StationError, StationSilent
-from jbclog.core.io_requests import Steps
 from jbclog.core.rows import CounterRow
 from jbclog.protocol.commands.signals import UsageCounter
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import PortState
 
 
-def read_counters(context: SessionContext) -> Steps[None]:
+async def read_counters(context: SessionContext) -> None:
     """Record a row for every counter of every port; null with its reason if it cannot be read.
 
     Raises `LinkError`, `StationSilent` or `RobotModeOff` if nothing more can be read.
     """
-    for port in context.ports.values():
-        for counter in context.family.counters:
-            if counter.name not in context.not_supported:
-                yield from _read(context, port, counter)
+    state = context.state
+    for port in state.ports.values():
+        for counter in state.family.counters:
+            if counter.name not in state.not_supported:
+                await _read(context, port, counter)
 
 
-def _read(context: SessionContext, port: PortState, counter: UsageCounter) -> Steps[None]:
+async def _read(context: SessionContext, port: PortState, counter: UsageCounter) -> None:
     command, known = context.command(counter.command), port.counted.get(counter.name)
     try:
-        found = yield from context.read_confirmed(command, port.number, known=known, grows=True)
+        found = await context.reads.confirmed(command, port.number, known=known, grows=True)
     except NotSupported:
-        context.not_supported.add(counter.name)
+        context.state.not_supported.add(counter.name)
     except (LinkError, StationError) as error:
         _keep(context, port, counter, None, f"<{error.reason}>")
         if isinstance(error, LinkError | StationSilent | RobotModeOff):
@@ -47,7 +48,7 @@ def _read(context: SessionContext, port: PortState, counter: UsageCounter) -> St
 def _keep(
     context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str
 ) -> None:
-    due = context.facts.due.setdefault(str(port.number), {})
+    due = context.state.facts.due.setdefault(str(port.number), {})
     due[counter.name] = due.get(counter.name, 0) + 1
     counter_row(context, port, counter, value, raw)
 
@@ -56,7 +57,7 @@ def counter_row(
     context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str
 ) -> None:
     """Record a row of a counter; `value` None with its reason in `raw` if it was not read."""
-    time = context.utc.micros(context.now)
-    context.journal.counter(
+    time = context.log.utc.micros(context.now)
+    context.log.journal.counter(
         CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)
     )

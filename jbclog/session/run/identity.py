@@ -9,57 +9,64 @@ of one model and software with equal hours. OMEGA reports none of these.
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
+
 from jbclog.core.errors import LinkError, NotSupported, OtherStation, StationError
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.protocol.client.confirmed_reads import read_confirmed, unanswered_read
+from jbclog.protocol.commands.family import family_of
 from jbclog.protocol.commands.plugged_hours import can_be
 from jbclog.session.rates import IDENTITY_READS
-from jbclog.session.run.context import Identity, SessionContext
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import Identity
 
 
-def learn_identity(context: SessionContext) -> Steps[None]:
+async def learn_identity(context: SessionContext) -> None:
     """Store the plugged hours of each port, with model and software, to recognize the station
     later.
     """
-    context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
-    context.has_identity = True
-    for number in context.ports:
-        hours = yield from _hours(context, number)
+    state = context.state
+    state.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
+    state.has_identity = True
+    for number in state.ports:
+        hours = await _hours(context, number)
         if hours is not None:
-            context.plugged_hours[number] = (hours, context.now)
-            context.ports[number].counted[context.family.counters[0].name] = hours
+            state.plugged_hours[number] = (hours, context.now)
+            state.ports[number].counted[state.family.counters[0].name] = hours
 
 
-def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
+async def recognise(context: SessionContext, model: str | None) -> bool:
     """Return True if the station with the name `model` is this run's. Another one is reported once,
     and neither read nor written.
 
     Raises `StationError` or `LinkError` if it cannot be read.
     """
-    context.answers_as = None
-    if model != context.facts.model:
-        context.answers_as = Identity(model)
-        other: str | None = f"a {model}, not the {context.facts.model}"
+    state = context.state
+    state.answers_as = None
+    if model != state.facts.model:
+        state.answers_as = Identity(model)
+        other: str | None = f"a {model}, not the {state.facts.model}"
     else:
-        other = yield from _difference(context)
-    if other is None and context.facts.model_accepted:
-        other = yield from _other_kind(context)
-    context.is_proven = other is None
-    if other is not None and other != context.stranger:
+        other = await _difference(context)
+    if other is None and state.facts.model_accepted:
+        other = await _other_kind(context)
+    state.is_proven = other is None
+    if other is not None and other != state.stranger:
         text = (
             f"On {context.order.url} there is now {other} of this run. It is neither read nor"
             " written."
         )
-        context.note("identity.changed", Severity.CRITICAL, text, raw=model)
-    context.stranger = other
-    if context.is_proven:
-        context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
-    return context.is_proven
+        context.log.note("identity.changed", Severity.CRITICAL, text, raw=model)
+    state.stranger = other
+    if state.is_proven:
+        state.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
+    return state.is_proven
 
 
-def is_still_there(context: SessionContext) -> Steps[bool]:
+async def is_still_there(context: SessionContext) -> bool:
     """Check model and software on the intact link before the safe order; return False for signs of
     another station.
 
@@ -68,10 +75,11 @@ def is_still_there(context: SessionContext) -> Steps[bool]:
     """
     try:
         for name in IDENTITY_READS:
-            known = _identity(context, name)
-            if known is not None and known != (
-                yield from read_confirmed(context.station, context.command(name), known=known)
-            ):
+            known = context.state.said_at_start(name)
+            if known is None:
+                continue
+            found = await read_confirmed(context.station, context.command(name), known=known)
+            if found != known:
                 return False
     except LinkError:
         return False
@@ -80,28 +88,28 @@ def is_still_there(context: SessionContext) -> Steps[bool]:
     return True
 
 
-def _other_kind(context: SessionContext) -> Steps[str | None]:
+async def _other_kind(context: SessionContext) -> str | None:
     """Describe why a station with an accepted name is of another kind than at the start; None if it
     is not.
     """
-    why = yield from unanswered_read(context.station, context.family, min(context.ports))
-    return None if why is None else f"a {context.facts.model} of another kind ({why})"
+    state = context.state
+    why = await unanswered_read(context.station, state.family, min(state.ports))
+    return None if why is None else f"a {state.facts.model} of another kind ({why})"
 
 
-def _difference(context: SessionContext) -> Steps[str | None]:
+async def _difference(context: SessionContext) -> str | None:
     """Describe how a station of the same model differs from this run's; None if it does not."""
-    model, software = context.facts.model, context.facts.software
+    state = context.state
+    model, software = state.facts.model, state.facts.software
     if software is not None:
-        found = yield from context.read_confirmed(
-            context.command("software_version"), known=software
-        )
+        found = await context.reads.confirmed(context.command("software_version"), known=software)
         if found != software:
-            context.answers_as = Identity(model, str(found))
+            state.answers_as = Identity(model, str(found))
             return f"a {model} with software {found}, not the one with {software}"
-    for number, (before, then) in context.plugged_hours.items():
-        hours = yield from _hours(context, number, before)
+    for number, (before, then) in state.plugged_hours.items():
+        hours = await _hours(context, number, before)
         if hours is not None and not can_be(hours, before, context.now - then):
-            context.answers_as = Identity(model, software, {number: hours})
+            state.answers_as = Identity(model, software, {number: hours})
             return (
                 f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
             )
@@ -110,38 +118,26 @@ def _difference(context: SessionContext) -> Steps[str | None]:
 
 def expect_same(context: SessionContext, number: int, hours: Value) -> None:
     """Raise `OtherStation` if the plugged hours just read cannot be those of this run's station."""
-    before, then = context.plugged_hours.get(number, (None, 0.0))
+    before, then = context.state.plugged_hours.get(number, (None, 0.0))
     if before is None or not isinstance(hours, int):
         return
     if not can_be(hours, before, context.now - then):
         raise OtherStation(
             f"the plugged hours of port {number} are {hours}, and were {before}", since=then
         )
-    context.plugged_hours[number] = hours, context.now
-
-
-def is_this_identity(context: SessionContext, name: str, value: Value) -> bool:
-    """Return True if `value` is the station's model or software at the start."""
-    return value == _identity(context, name)
-
-
-def _identity(context: SessionContext, name: str) -> str | None:
-    """Return the station's model or software at the start; None if it reported none."""
-    return context.facts.model if name == IDENTITY_READS[0] else context.facts.software
+    context.state.plugged_hours[number] = hours, context.now
 
 
 def expect_identity(context: SessionContext, name: str, value: Value) -> None:
     """Raise `OtherStation` if the model or software just read is not that of this run's station."""
-    if not is_this_identity(context, name, value):
-        since = context.identity_at.get(name, context.order.t0)
-        raise OtherStation(
-            f"its {name.replace('_', ' ')} is {value}, and was {_identity(context, name)}",
-            since=since,
-        )
-    context.identity_at[name] = context.now
+    known = context.state.said_at_start(name)
+    if value != known:
+        since = context.state.identity_at.get(name, context.order.t0)
+        raise OtherStation(f"its {name.replace('_', ' ')} is {value}, and was {known}", since=since)
+    context.state.identity_at[name] = context.now
 
 
-def expect_still_same(context: SessionContext) -> Steps[None]:
+async def expect_still_same(context: SessionContext) -> None:
     """Read model and software again over the intact link before recording a change as the
     station's.
 
@@ -149,28 +145,83 @@ def expect_still_same(context: SessionContext) -> Steps[None]:
     not be the station's.
     """
     for name in IDENTITY_READS:
-        known = _identity(context, name)
+        known = context.state.said_at_start(name)
         if known is None:
             continue
         try:
-            found = yield from context.read_confirmed(context.command(name), known=known)
+            found = await context.reads.confirmed(context.command(name), known=known)
         except NotSupported as error:
-            since = context.identity_at.get(name, context.order.t0)
+            since = context.state.identity_at.get(name, context.order.t0)
             raise OtherStation(
                 f"it no longer knows its {name.replace('_', ' ')}", since=since
             ) from error
         expect_identity(context, name, found)
 
 
-def _hours(context: SessionContext, number: int, known: int | None = None) -> Steps[int | None]:
+async def _hours(context: SessionContext, number: int, known: int | None = None) -> int | None:
     """Read the plugged hours of a port; None if the station has none."""
-    counter = context.family.hours
+    counter = context.state.family.hours
     if counter is None:
         return None
     try:
-        hours = yield from context.read_confirmed(
+        hours = await context.reads.confirmed(
             context.command(counter), number, known=known, grows=True
         )
     except NotSupported:
         return None
     return hours if isinstance(hours, int) else None
+
+
+# -- stations of one line that may have been mixed up ----------------------------------------------
+#
+# A session sees one cable only. That another station answers on it says that *something* is wrong;
+# two sessions that each see the other's station say what: the cables are swapped.
+
+
+def swapped(contexts: Sequence[SessionContext]) -> Iterator[tuple[SessionContext, SessionContext]]:
+    """Yield pairs of stations of which each answers as the other."""
+    strange = [context for context in contexts if context.state.answers_as is not None]
+    for first, second in combinations(strange, 2):
+        if _stands_for(first, second) and _stands_for(second, first):
+            yield first, second
+
+
+def _stands_for(found: SessionContext, meant: SessionContext) -> bool:
+    """Return True if the station on the cable of `found` can be the one of `meant`."""
+    answer = found.state.answers_as
+    if answer is None:
+        return False
+    if meant.state.has_identity:
+        return answer.may_be(meant.state.identity())
+    if meant.order.model is not None:
+        return answer.model == meant.order.model
+    family = meant.order.family
+    if family is None or answer.model is None:
+        return False
+    proven = family_of(answer.model)
+    return proven is not None and proven.name == family.name
+
+
+def swapped_text(first: SessionContext, second: SessionContext) -> str:
+    """Say that the cables of two stations look swapped, and what to do."""
+    return (
+        f"the cables of {first.name} and {second.name} look swapped: {first.order.url} leads to"
+        f" {second.name}, {second.order.url} to {first.name}; compare with the labels on the"
+        " stations, and exchange the two cables or the two urls"
+    )
+
+
+def alike(contexts: Iterable[SessionContext]) -> dict[str, list[str]]:
+    """Return station -> the others of the line that nothing on the link tells from it."""
+    of_kind: defaultdict[tuple[str | None, str | None], list[SessionContext]] = defaultdict(list)
+    for context in contexts:
+        facts = context.state.facts
+        if context.state.has_identity and facts.model is not None:
+            of_kind[facts.model, facts.software].append(context)
+    names: dict[str, list[str]] = {}
+    for group in of_kind.values():
+        for first, second in combinations(group, 2):
+            if first.state.identity().may_be(second.state.identity()):
+                names.setdefault(first.name, []).append(second.name)
+                names.setdefault(second.name, []).append(first.name)
+    return names

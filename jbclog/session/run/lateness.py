@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import types
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Final, NamedTuple
 
-from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait, relay
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait
+from jbclog.core.rows import Severity, StationFacts
 from jbclog.core.text import count_text
+from jbclog.session.run.log import SessionLog
+from jbclog.session.scheduler import Grid
 
 # Skipped ticks are reported in groups, so that a busy hour does not become thousands of events:
 # after `QUIET_S` without one, and every `LONGEST_S` during a long series.
@@ -77,6 +82,9 @@ WHY_STILL: Final = "the computer was suspended or stood still, or something stop
 SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
 
 
+UNTIL: Final = (Listen, Wait)
+
+
 class LateSpan(NamedTuple):
     """The interval from the latest time at which a request should have returned to when it did, in
     monotonic seconds.
@@ -98,30 +106,40 @@ class Standstill:
     late_s: float = 0.0
     due: float = -inf  # until then the host was running, or had nothing to do
 
-    def watch(self, steps: Steps[T], now: float) -> Steps[T]:
+    @types.coroutine
+    def watch(self, steps: Steps[T], now: float) -> Generator[Request, IoResult, T]:
         """Run `steps` from `now` on, and measure how late their requests return."""
         self.due = max(self.due, now)
-        return relay(steps, self._watched)
-
-    def _watched(self, request: Request) -> Steps[IoResult]:
         try:
-            heard = yield request
-        except Exception:
-            self.fail(request)
-            raise
-        self.note(request, heard)
-        return heard
+            request = steps.send(None)
+            while True:
+                try:
+                    heard = yield request
+                except Exception as error:
+                    self.fail(request)
+                    request = steps.throw(error)
+                else:
+                    self.note(request, heard)
+                    request = steps.send(heard)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        finally:
+            steps.close()
 
     def fail(self, request: Request) -> None:
         """Handle a failed `request`: without a time its delay does not count as the host's."""
         self.due = _latest(request, self.due)
 
     def note(self, request: Request, heard: IoResult) -> None:
-        """Register how late `request` returned. An answer in time only sets `due`, which a caller
-        may do as well.
-        """
-        self._note(min(_latest(request, self.due), _held_up(request, heard)), heard.now)
-        self.due = heard.now
+        """Register how late `request` returned."""
+        now, data, _, late_s = heard
+        latest = _latest(request, self.due)
+        if late_s and data and isinstance(request, Ask | Listen):
+            latest = min(latest, now - late_s)  # since then it may have been waiting
+        if now > latest:
+            self._note(latest, now)
+        self.due = now
 
     def wait_over(self, wait: Wait, now: float) -> None:
         """Register that `wait` returned at `now`."""
@@ -144,17 +162,65 @@ def _latest(request: Request, now: float) -> float:
     """Return the time by which `request` should have returned. Reopening a port, and `Gather`, have
     no limit.
     """
-    match request:
-        case Ask():
-            return now + request.patience_s
-        case Listen() | Wait():
-            return max(now, request.until)
-        case _:
-            return inf
+    if isinstance(request, Ask):
+        return now + request.patience_s
+    if isinstance(request, UNTIL):
+        return max(now, request.until)
+    return inf
 
 
-def _held_up(request: Request, heard: IoResult) -> float:
-    """Return since when an answer may have been waiting for the driver; for other requests only
-    their end matters.
-    """
-    return heard.now - heard.late_s if isinstance(request, Ask | Listen) and heard.data else inf
+class SkippedTickReport:
+    """Ticks of one station without readings: accounted for by cause, and reported."""
+
+    def __init__(self, facts: StationFacts, log: SessionLog) -> None:
+        self._facts = facts
+        self._log = log
+        self._by_host = SkippedTicks()
+        self._by_station = SkippedTicks()
+        facts.skipped_by_host = facts.skipped_by_host or 0
+
+    def add(self, grid: Grid, late: Sequence[int], by_host: int, host_s: float) -> None:
+        """Count `late` ticks, the last `by_host` of them as the computer's, each group with its
+        part of the delay; at most `host_s` of it is the computer's.
+        """
+        if not late:
+            return
+        now, first = self._log.now, grid.due(late[0])
+        host_s = min(host_s, now - first)
+        if by_host:
+            self._facts.skipped_by_host = (self._facts.skipped_by_host or 0) + by_host
+            self._by_host.add(by_host, grid.due(late[-by_host]), host_s, now)
+        if len(late) > by_host:
+            self._by_station.add(len(late) - by_host, first, now - first - host_s, now)
+
+    def leave_out(self, grid: Grid, ticks: Sequence[int], spans: Sequence[LateSpan]) -> None:
+        """Account for the ticks of each standstill, which have no rows, by an event."""
+        self._facts.skipped += len(ticks)
+        for begin, end in spans:
+            count = sum(begin < grid.due(tick) <= end for tick in ticks)
+            text = (
+                f"The recorder stood still for {end - begin:.1f} s ({WHY_STILL});"
+                f" {sampling_times(count)} {'has' if count == 1 else 'have'} no rows."
+            )
+            if count:
+                self._log.note(
+                    "host.suspended", Severity.ERROR, text, since=begin, value=end - begin
+                )
+
+    def report(self, period_s: float, *, is_over: bool = False) -> None:
+        """Report the ticks skipped by the computer and by the station, after a pause in each
+        series, or at the end.
+        """
+        busy, slow = self._by_host, self._by_station
+        if not busy.ticks and not slow.ticks:
+            return
+        if busy.is_due(self._log.now) or (is_over and busy.ticks):
+            self._by_host = SkippedTicks()
+            self._note(KIND, busy, busy.text(period_s))
+        if slow.is_due(self._log.now) or (is_over and slow.ticks):
+            self._by_station = SkippedTicks()
+            self._note(SLOW_KIND, slow, slow.text_of_station(period_s))
+
+    def _note(self, kind: str, late: SkippedTicks, text: str) -> None:
+        raw = f"late_s={late.late_s:.3f}"
+        self._log.note(kind, Severity.WARNING, text, since=late.since, value=late.ticks, raw=raw)

@@ -19,7 +19,8 @@ from jbclog.protocol.commands.omega import (
     TRUE_ANSWERS,
     WITHOUT_DIGIT,
 )
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import PortState
 
 LASTING_S = 10.0
 
@@ -80,7 +81,7 @@ def _flags(
                     if is_now
                     else (state.ends, Severity.INFO, state.ended)
                 )
-                context.note(
+                context.log.note(
                     kind, severity, text, port=port.number, since=before[1] if before else None
                 )
 
@@ -99,7 +100,7 @@ def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
         port.states["in_range"] = (value, context.now)
         if is_in and OUT_OF_RANGE in port.states:
             del port.states[OUT_OF_RANGE]
-            context.note(
+            context.log.note(
                 "temperature.in_range",
                 Severity.INFO,
                 "The temperature is in its range again.",
@@ -108,7 +109,7 @@ def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
     elif not is_in and OUT_OF_RANGE not in port.states and context.now - before[1] >= LASTING_S:
         port.states[OUT_OF_RANGE] = (value, context.now)
         text = f"The temperature has been out of its range for {context.now - before[1]:.0f} s."
-        context.note(OUT_OF_RANGE, Severity.INFO, text, port=port.number, since=before[1])
+        context.log.note(OUT_OF_RANGE, Severity.INFO, text, port=port.number, since=before[1])
 
 
 OMEGA_OBSERVERS = {
@@ -140,8 +141,8 @@ def unreported_states_text(context: SessionContext) -> str:
     """Describe the states that this controller does not report; empty if it reports all."""
     unreported = [
         signal.command.replace("_", " ")
-        for signal in context.family.signals
-        if signal.name in context.not_supported
+        for signal in context.state.family.signals
+        if signal.name in context.state.not_supported
     ]
     text = (
         f" It does not answer {', '.join(unreported)}, so the record does not have it."
@@ -164,5 +165,5 @@ def report_completions(context: SessionContext) -> None:
         text = (
             f"It says that {COMPLETION_MESSAGES[completion.letter]}; this run asked for no joint."
         )
-        context.note(kind, Severity.INFO, text, raw=completion.letter)
+        context.log.note(kind, Severity.INFO, text, raw=completion.letter)
     context.station.completions.clear()

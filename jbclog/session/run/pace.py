@@ -1,5 +1,5 @@
-"""Choose a station's sampling rate: the requested one, if it fits the link with the measured
-response time.
+"""Measure a station's response time, and choose its sampling rate: the requested one, if it fits
+the link.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from jbclog.core.errors import StartRefused
-from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
+from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
 from jbclog.session.rates import (
     AS_AUTO,
     AS_FAST_AS_POSSIBLE,
@@ -22,7 +22,6 @@ from jbclog.session.rates import (
     taken_rate_hz,
 )
 from jbclog.session.run.context import SessionContext
-from jbclog.session.run.identify import measure_turnaround
 from jbclog.session.scheduler import Demand, ScheduledRead
 
 # At a start the run reads all stations without pause, and a computer that serves hundreds of them
@@ -42,33 +41,70 @@ class SamplingPlan:
     paced: bool
 
 
-def measure_pace(context: SessionContext) -> Steps[SamplingPlan]:
+async def measure_pace(context: SessionContext) -> SamplingPlan:
     """Measure the response time and choose the rate; measure again before refusing a rate. Raises
     `StartRefused`.
     """
-    yield from measure_turnaround(context)
+    await measure_turnaround(context)
     try:
         return choose_pace(context)
     except StartRefused:
-        if context.family.turnaround_ms is not None:
+        if context.state.family.turnaround_ms is not None:
             raise
-    yield from measure_turnaround(context, apart_s=APART_S)
+    await measure_turnaround(context, apart_s=APART_S)
     return choose_pace(context)
+
+
+async def measure_turnaround(context: SessionContext, *, apart_s: float = 0.0) -> None:
+    """Measure the response time in µs, from the signals of a port read so far and from harmless
+    reads `apart_s` apart. A repeated measurement uses the harmless reads alone.
+    """
+    state = context.state
+    port = min(state.ports)
+    answers, context.reads.answer_times = context.reads.answer_times, None
+    seen = [
+        time
+        for name, time in ([] if answers is None else answers[port])
+        if state.family.signal_of(name)
+    ]
+    measured, answered = await response_time(
+        context.station, state.family, port, seen, apart_s=apart_s
+    )
+    if measured is None or answered < LEAST_ANSWERED:
+        raise StartRefused(
+            f"{context.name}: only {answered} of {READS} questions were answered; the link is too"
+            " unreliable to start"
+        )
+    state.facts.turnaround_us = {
+        "median": round(measured.median, 1),
+        "p99": round(measured.longest, 1),
+        "n": len(measured.took),
+    }
+    for name in measured.ignored:
+        state.not_supported.add(state.family.signal_of(name) or name)
+    state.link_is_faster = measured.faster_text(context.order.line)
+    if measured.is_faster:
+        state.facts.turnaround_us["faster_by"] = round(measured.wire - measured.whole, 1)
 
 
 def choose_pace(context: SessionContext) -> SamplingPlan:
     """Choose the rate. If it does not fit, raises `StartRefused` naming the best rate and the
     maximum response time.
     """
-    order, facts = context.order, context.facts
+    state = context.state
+    order, facts = context.order, state.facts
     readings = readings_for(
-        context.family, list(context.ports), context.recipe, order.line, order.address is not None
+        state.family,
+        list(state.ports),
+        context.order.recipe,
+        order.line,
+        order.address is not None,
     )
     unread = {"software_version"} if facts.software is None else set()  # nothing to compare it with
-    readings = [one for one in readings if one.name not in context.not_supported | unread]
+    readings = [one for one in readings if one.name not in state.not_supported | unread]
     demand, seen = Demand.of(readings), facts.turnaround_us
-    usual = response(context.family, seen["median"] / 1e6, seen["p99"] / 1e6)
-    asked = facts.asked_rate = asked_rate(order.rate, context.recipe, context.family)
+    usual = response(state.family, seen["median"] / 1e6, seen["p99"] / 1e6)
+    asked = facts.asked_rate = asked_rate(order.rate, context.order.recipe, state.family)
     if asked == AS_FAST_AS_POSSIBLE:
         return SamplingPlan(readings, demand.tick_s(usual.longest_s), False)
     facts.rate_hz = _rate_hz(context, asked, demand, usual)
@@ -84,7 +120,7 @@ def _rate_hz(
             f"{context.name}: no rate fits its serial link at"
             f" {response.longest_s * 1000:.1f} ms response time"
         )
-    taken = taken_rate_hz(asked, context.recipe, context.family, demand, response)
+    taken = taken_rate_hz(asked, context.order.recipe, context.state.family, demand, response)
     problem = (
         None if asked == AS_FIT else rate_problem(context.name, taken, demand, response.longest_s)
     )

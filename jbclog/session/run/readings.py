@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from math import exp
 
 from jbclog.core.errors import ImplausibleAnswer
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.protocol.client.confirmed_reads import confirmed_value
@@ -27,21 +26,15 @@ from jbclog.protocol.commands.ranges import (
 )
 from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
 from jbclog.session.run.alarms import bears_out
-from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identity import is_this_identity
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.omega_states import differs_from_last
+from jbclog.session.run.state import PortState, StationState
 from jbclog.session.run.watch import arrives
 from jbclog.session.scheduler import ScheduledRead
 
 NOT_COUNTING = "not_counting"
 NO_MAXIMUM = "no_maximum"
 NO_DIGIT = "no_digit"
-
-
-def whole_of(command: Command, context: SessionContext) -> int | None:
-    """Return the station's maximum, the base of `command`'s number; None if unknown."""
-    whole = context.held.get(str(command.share_of))
-    return whole if isinstance(whole, int) and whole > 0 else None
 
 
 def may_be_unusable(reading: ScheduledRead, family: Family) -> bool:
@@ -57,55 +50,49 @@ def may_be_unusable(reading: ScheduledRead, family: Family) -> bool:
 
 
 def unusable(
-    reading: ScheduledRead, value: Value, port: PortState, context: SessionContext
+    reading: ScheduledRead, value: Value, port: PortState, state: StationState
 ) -> str | None:
     """Return why a well-formed value is not recorded; None if it is.
 
     A countdown that does not run has no remaining time, a share of an unknown maximum is unknown,
     and an answer without its digit has no state.
     """
-    if reading.name == "delay_s" and (
-        value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))
-    ):
-        return NOT_COUNTING
+    if reading.name == "delay_s":
+        # a tool that stands may be counting down to sleep or hibernation
+        stands = port.status is not None and port.status[4] in (1, 2)
+        if value in NO_COUNTDOWN or (value == 0 and not stands):
+            return NOT_COUNTING
     if value == WITHOUT_DIGIT:
         return NO_DIGIT
-    if reading.command.share_of is not None and whole_of(reading.command, context) is None:
+    if reading.command.share_of is not None and state.whole_of(reading.command) is None:
         return NO_MAXIMUM
-    return void(reading.name, port, context)
+    return void(reading.name, port, state)
 
 
-def void(signal: str, port: PortState, context: SessionContext) -> str | None:
+def void(signal: str, port: PortState, state: StationState) -> str | None:
     """Return why answers have no meaning during the port's error; None if they have one
     (docs/reference/contradictions.md, B-44).
     """
-    return context.family.port_errors.void(port.error, signal)
-
-
-def _is_counting(port: PortState) -> bool:
-    """Return True if the tool stands, so that a countdown to sleep or hibernation can be
-    running.
-    """
-    return port.status is not None and port.status[4] in (1, 2)
+    return state.family.port_errors.void(port.error, signal)
 
 
 # Plausibility: `protocol/commands/ranges.py` by family, here by station. Anything else is not a
 # value, however often it is repeated, but is read again before that is decided.
 
 
-def possible_of(context: SessionContext, reading: ScheduledRead) -> Possible | None:
+def possible_of(state: StationState, reading: ScheduledRead) -> Possible | None:
     """Return a check whether an answer to `reading` is plausible; None if every answer is."""
-    possible = plausibility_check(reading.name, context.family)
+    possible = plausibility_check(reading.name, state.family)
     if possible is None and reading.command.share_of is not None:
-        return _share_of(reading.command, context)
+        return _share_of(reading.command, state)
     return possible
 
 
-def _share_of(command: Command, context: SessionContext) -> Possible:
+def _share_of(command: Command, state: StationState) -> Possible:
     """Return a check that a share is not much more than the whole, once that is known."""
 
     def possible(value: Value) -> bool:
-        whole = whole_of(command, context)
+        whole = state.whole_of(command)
         return whole is None or is_share(value, whole)
 
     return possible
@@ -176,25 +163,25 @@ class SecondLook:
         ):
             return False
         # otherwise it has no meaning anyway
-        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None
+        return context.state.family.void(self.reading.name, self.port.tool, self.port.error) is None
 
     def _is_impossible(self, value: Value) -> bool:
         return self.possible is not None and not self.possible(value)
 
-    def settle(self, context: SessionContext, first: Value) -> Steps[Value]:
+    async def settle(self, context: SessionContext, first: Value) -> Value:
         """Read again until an answer is plausible or confirmed by another.
 
         Raises `ImplausibleAnswer` if none is, and whatever reading raises.
         """
         given = [first]
         while len(given) < LOOKS:
-            given.append((yield from context.station.ask(self.question)))
+            given.append(await context.station.ask(self.question))
             value = self._settled(context, given)
             if value is not None:
                 return value
             if given[-1] == given[-2]:
                 break  # repeated, and impossible
-        context.doubted[self.reading.command.name] += 1
+        context.reads.doubted[self.reading.command.name] += 1
         raise ImplausibleAnswer(
             f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times"
         )
@@ -250,12 +237,12 @@ class SecondLook:
         if not isinstance(value, int) or known is None or self.heard_at is None:
             return False
         spans = max((context.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
-        return abs(value - known) > context.family.jump_c * spans
+        return abs(value - known) > context.state.family.jump_c * spans
 
     def _mark(
         self, context: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool
     ) -> None:
-        context.doubted[self.reading.command.name] += 1
+        context.reads.doubted[self.reading.command.name] += 1
         is_new = self.reported_at is None or context.now - self.reported_at > SERIES_S
         self.reported_at = context.now
         if not is_new:
@@ -272,7 +259,7 @@ class SecondLook:
             )
         number = float(value) if isinstance(value, int | float) else None
         raw = self.reading.command.shown(given[0])
-        context.note(
+        context.log.note(
             "read.doubted",
             Severity.INFO,
             text,
@@ -291,7 +278,7 @@ def _differs_from_held(name: str) -> Doubt:
 
 
 def _differs_from_start(name: str) -> Doubt:
-    return lambda context, port, value: not is_this_identity(context, name, value)
+    return lambda context, port, value: value != context.state.said_at_start(name)
 
 
 def _differs_from_counted(name: str) -> Doubt:
@@ -308,7 +295,7 @@ def _leaps(name: str) -> Doubt:
         return (
             before is None
             or not isinstance(value, int)
-            or abs(value - before) > context.family.jump_c
+            or abs(value - before) > context.state.family.jump_c
         )
 
     return doubt
@@ -332,8 +319,12 @@ DOUBTS: dict[str, Doubt] = {
     "status": lambda context, port, value: port.status != value,
     "tool": lambda context, port, value: port.tool != value,
     "port_error": lambda context, port, value: (port.error or 0) != value,
-    "station_error": lambda context, port, value: context.held.get("station_error", 0) != value,
-    "set_c": lambda context, port, value: port.held.get(context.set_name, value) != value,
+    "station_error": lambda context, port, value: (
+        context.state.held.get("station_error", 0) != value
+    ),
+    "setpoint_c": lambda context, port, value: (
+        port.held.get(context.state.set_name, value) != value
+    ),
     "solder_shortage": differs_from_last("solder_shortage"),
     "preparing": differs_from_last("preparing"),
     "set_flow_permille": _differs_from_held("selected_air_flow"),

@@ -4,128 +4,117 @@ report the result.
 
 from __future__ import annotations
 
-from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.io_requests import wait
 from jbclog.core.rows import Severity
 from jbclog.core.states import SafetyResult
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.identity import is_still_there, recognise
 from jbclog.session.run.link_loss import report_flood
+from jbclog.session.run.state import PortState
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 
-def make_safe(context: SessionContext) -> Steps[None]:
+async def make_safe(context: SessionContext) -> None:
     """Put touched tools into the recipe's safe state; `facts.unsafe` and an event name every tool
     that is not safe.
 
     Reports come last, so that a failing record keeps no tool hot.
     """
-    touched = [port for port in context.ports.values() if port.touched]
-    if not touched and not context.feeder_touched:
+    state, facts = context.state, context.state.facts
+    touched = [port for port in state.ports.values() if port.touched]
+    if not touched and not state.feeder_touched:
         return
-    context.station.unasked((yield Wait(0.0)))
-    task = yield from _put(context, touched, feeds=context.may_feed)
-    may_feed = task.feeds
-    context.feeder_stopped = not may_feed
-    context.facts.unsafe = [f"{context.name}: the feeder could not be stopped"] if may_feed else []
-    context.facts.unsafe += [
-        _unsafe_text(context, port) for port in touched if not _is_verified(context, port)
-    ]
-    if may_feed:
-        context.note("safety.not_safe", Severity.CRITICAL, f"{context.facts.unsafe[0]}.")
+    context.station.unasked(await wait(0.0))
+    task = await _put(context, touched, feeds=state.may_feed)
+    state.feeder_stopped = not task.feeds
+    unsafe = [port for port in touched if facts.safe_state[port.number] != SafetyResult.VERIFIED]
+    facts.unsafe = [_unsafe_text(context, port) for port in unsafe]
+    if task.feeds:
+        text = f"{context.name}: the feeder could not be stopped"
+        facts.unsafe.insert(0, text)
+        context.log.note("safety.not_safe", Severity.CRITICAL, f"{text}.")
     for port, tool in zip(touched, task.tools, strict=True):
         _report(context, port, tool)
     context.publish()
 
 
-def put_in_safe_state(context: SessionContext, port: PortState) -> Steps[None]:
+async def put_in_safe_state(context: SessionContext, port: PortState) -> None:
     """Order the safe state on one port until it is read back, and report the result."""
-    (tool,) = (yield from _put(context, [port], feeds=False)).tools
+    (tool,) = (await _put(context, [port], feeds=False)).tools
     _report(context, port, tool)
 
 
-def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Steps[SafetyTask]:
+async def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> SafetyTask:
     """Make these ports safe. The facts have the result even after an exception."""
+    state = context.state
     tools = [ToolSafety(port.number, context.keeps_suction(port)) for port in ports]
     task = SafetyTask(
         context.station,
-        context.family,
+        state.family,
         context.safe_state,
         tools,
         feeds,
         prove=lambda: _is_ours(context),
-        is_proven=context.is_proven,
+        is_proven=state.is_proven,
         look=lambda: is_still_there(context),
         spare=context.spares_resting,
-        is_stranger=context.stranger is not None,
+        is_stranger=state.stranger is not None,
     )
-    context.facts.safe_state |= dict.fromkeys((port.number for port in ports), SafetyResult.FAILED)
+    state.facts.safe_state |= dict.fromkeys((port.number for port in ports), SafetyResult.FAILED)
     try:
-        yield from secure(task)
+        await secure(task)
     finally:
-        context.is_proven = task.is_proven
+        state.is_proven = task.is_proven
         if task.flood is not None:
             report_flood(context, task.flood)
         for port, tool in zip(ports, tools, strict=True):
-            context.facts.safe_state[port.number] = tool.reached
+            state.facts.safe_state[port.number] = tool.reached
             port.status = tool.status or port.status
     return task
 
 
-def _is_ours(context: SessionContext) -> Steps[bool]:
-    model = yield from context.read_confirmed(context.command("model"), known=context.facts.model)
-    return (yield from recognise(context, str(model)))
-
-
-def _is_verified(context: SessionContext, port: PortState) -> bool:
-    return context.facts.safe_state[port.number] == SafetyResult.VERIFIED
+async def _is_ours(context: SessionContext) -> bool:
+    model = await context.reads.confirmed(context.command("model"), known=context.state.facts.model)
+    return await recognise(context, str(model))
 
 
 def _report(context: SessionContext, port: PortState, tool: ToolSafety) -> None:
-    if _is_verified(context, port):
-        text, severity = (
-            (
-                f"Port {port.number}: the tool is in its safe state, as read back:"
-                f" {_state_of(context, port)}"
-            ),
-            Severity.INFO,
+    number, severity = port.number, Severity.INFO
+    if context.state.facts.safe_state[number] != SafetyResult.VERIFIED:
+        text = f"{_unsafe_text(context, port)}."
+        context.log.note("safety.not_safe", Severity.CRITICAL, text, port=number)
+        return
+    status = "not read"
+    if port.status is not None:
+        status = context.state.family.status.shown(port.status)
+    text = f"Port {number}: the tool is in its safe state, as read back: {status}"
+    if tool.was_spared:
+        text = (
+            f"Port {number}: the tool is at rest already and is left as it is, as read back:"
+            f" {status}"
         )
-        if tool.was_spared:
-            text = (
-                f"Port {port.number}: the tool is at rest already and is left as it is, as read"
-                f" back: {_state_of(context, port)}"
-            )
-        if tool.fell_back:
-            text, severity = f"{text}; {tool.fell_back}", Severity.WARNING
-        context.note("safety.safe_state", severity, f"{text}.", port=port.number)
-    else:
-        context.note(
-            "safety.not_safe",
-            Severity.CRITICAL,
-            _unsafe_text(context, port) + ".",
-            port=port.number,
-        )
-
-
-def _state_of(context: SessionContext, port: PortState) -> str:
-    return "not read" if port.status is None else context.family.status.shown(port.status)
+    if tool.fell_back:
+        text = f"{text}; {tool.fell_back}"
+        severity = Severity.WARNING
+    context.log.note("safety.safe_state", severity, f"{text}.", port=number)
 
 
 def _unsafe_text(context: SessionContext, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
-    if context.stranger:
+    if context.state.stranger:
         last = "its temperature is not known"
-    sent = context.facts.safe_state.get(port.number) == SafetyResult.SENT
+    sent = context.state.facts.safe_state.get(port.number) == SafetyResult.SENT
     what = (
         "was ordered into its safe state and does not confirm it"
         if sent
         else "could not be put in its safe state"
     )
-    if context.is_flooded:
+    if context.state.reconnection.is_flooded:
         what += " (its link is flooded)"
-    if context.stranger:
-        what += f" ({context.stranger}, is now on its cable)"
+    if context.state.stranger:
+        what += f" ({context.state.stranger}, is now on its cable)"
     return (
-        f"{context.name} port {port.number}: {what}, its {context.family.hot_part} may be hot"
+        f"{context.name} port {port.number}: {what}, its {context.state.family.hot_part} may be hot"
         f" ({last}); switch the station off"
     )

@@ -1,4 +1,4 @@
-"""Write one setting on one station; list everything that a run may write.
+"""Write one setting on one station until it is read back.
 
 A setting is idempotent, so a failed write is repeated, `REPEATS` times at most:
 
@@ -9,428 +9,260 @@ A setting is idempotent, so a failed write is repeated, `REPEATS` times at most:
 4. Nothing is repeated once the run is ending: `RunEnded` passes through here.
 
 Each repeated write is a row of `settings` (``repeated``), an event and a count in the station's
-facts.
+facts. `session/setting_write.py` has the single write.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final, NoReturn
 
-from jbclog.config.recipe import CAN_HEAT, COMMAND_OF
-from jbclog.config.recipe_settings import condition_of, settings_for, station_settings_for
-from jbclog.core.errors import (
-    LinkError,
-    NotReceived,
-    Refusal,
-    StartRefused,
-    StationError,
-    WriteForbidden,
-)
-from jbclog.core.io_requests import RunEnded, Steps, Wait
+from jbclog.config.recipe import CAN_HEAT
+from jbclog.core.errors import LinkError, NotReceived, Refusal, StartRefused, StationError
+from jbclog.core.io_requests import RunEnded, wait
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
+from jbclog.core.text import count_text
 from jbclog.protocol.client.confirmed_reads import SETTLE_S
-from jbclog.protocol.client.interface import Permit
 from jbclog.protocol.commands.command import Command, Scope
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.identify import StationAbsent
-
-# Everything that a run can write is in this table. The client of a run's station calls `permit`
-# before each write. A command that is not listed, or another value than the recipe's or a safe
-# state's, is a bug: it ends the run of that station (`WriteForbidden`), with its tools made safe.
-#
-# A guard and `jbclog safe` write only `stop_feeding` and the safe states of `status`
-# (`session/safety/secure.py`).
-
-SETTING: Final = "before sampling, where the station holds another: the recipe's `{key}`"
-
-WRITES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        **{command: SETTING.format(key=key) for key, command in COMMAND_OF.items()},
-        "status": (
-            "after the settings: the recipe's `run.status`, with `air.suction`; whenever a tool is"
-            " made safe: the recipe's safe state, and what follows where it is refused or does not"
-            " cool"
-        ),
-        "stop_feeding": "whenever tools are made safe on a station with a feeder: 0",
-        "store_condition": (
-            "with `--allow-omega-write`, where the controller holds another: the recipe's `[omega]`"
-        ),
-    }
-)
-"""Command -> when a run writes it, and the origin of its value. A run writes no other command."""
-
-
-def listed(context: SessionContext) -> Permit:
-    """Return the check before each write of `context`'s client, which raises `WriteForbidden` for
-    anything that the run may not send.
-    """
-
-    def permit(command: Command, value: Value, port: int | None, tool: int | None) -> None:
-        if command.name not in WRITES:
-            raise WriteForbidden(
-                f"{_title(context, command, port)} is nothing that a run may write; it was not sent"
-            )
-        if value not in _values(context, command, port) or not _is_its_tool(context, port, tool):
-            asked = f"{_title(context, command, port)}: the run does not allow {text_of(value)}"
-            raise WriteForbidden(f"{asked}; it was not sent")
-
-    return permit
-
-
-def _values(context: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
-    """Yield the values that may be written."""
-    if command.name == "status":
-        yield from _states(context, port)
-    elif command.name == "stop_feeding":
-        yield 0
-    elif command.name == "store_condition":
-        condition = condition_of(context.recipe, context.family)
-        if condition is not None and context.order.allow_omega_write:
-            yield condition
-    else:
-        yield from _settings(context, command, port)
-
-
-def _states(context: SessionContext, number: int | None) -> Iterator[Value]:
-    """Yield the status word of the start, and those that make the tool safe."""
-    status, port = context.family.status, context.ports.get(number or 0)
-    if port is None:
-        return
-    word = context.start_word(port)
-    if word is not None:
-        yield word
-    if context.safe_state in status.orders:
-        yield from status.safe_words(context.safe_state, suction=context.keeps_suction(port))
-
-
-def _settings(context: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
-    recipe, family = context.recipe, context.family
-    for setting in (
-        station_settings_for(recipe, family) if port is None else settings_for(recipe, family, port)
-    ):
-        counted = setting.as_counted(context.held)
-        if setting.command.name == command.name and counted is not None:
-            yield counted.value
-
-
-def _is_its_tool(context: SessionContext, port: int | None, tool: int | None) -> bool:
-    """Return True if the port is one of this run's, and the tool the one connected to it."""
-    if port is None:
-        return tool is None
-    state = context.ports.get(port)
-    return state is not None and tool in (None, state.tool)
-
-
-def _title(context: SessionContext, command: Command, port: int | None) -> str:
-    name = command.name.replace("_", " ")
-    return f"{context.name}: {name if port is None else f'{name} of port {port}'}"
-
+from jbclog.session.run.state import PortState
+from jbclog.session.setting_write import WHOLE_STATION, Attempt, Place, SettingWrite
 
 ROBOT_MODE_OFF: Final = (
     ", Robot mode is off, although it answers reads; switch it on in the station's menu"
 )
+ROBOT_MODE_NAK: Final = 5
 REPEATS: Final = 3
+MOST_WRITES: Final = 1 + REPEATS
 
 
-@dataclass(slots=True)
-class _Try:
-    """Result of one write: the value read back (None: unknown), and the errors of either."""
+@dataclass(frozen=True, slots=True)
+class SettingTarget:
+    """A setting of a port, of the tool in it, or of the whole station (`port` None)."""
 
-    found: Value | None = None
-    lost: StationError | None = None
-    unread: StationError | None = None
-
-    @property
-    def is_meant(self) -> bool:
-        """True if the station understood the write and refused it."""
-        return _is_meant(self.lost)
+    context: SessionContext
+    command: Command
+    port: PortState | None
 
     @property
-    def nak(self) -> int | None:
-        return self.lost.code if isinstance(self.lost, Refusal) else None
+    def held(self) -> dict[str, Value]:
+        """Values last read or confirmed at this port or station, by command name."""
+        return self.context.state.held if self.port is None else self.port.held
+
+    @property
+    def value(self) -> Value | None:
+        """Value last read or confirmed; None if unknown."""
+        return self.held.get(self.command.name)
+
+    @property
+    def number(self) -> int | None:
+        """Number of the port."""
+        return None if self.port is None else self.port.number
+
+    @property
+    def place(self) -> Place:
+        """Port and tool for the command's code."""
+        if self.port is None or self.command.scope is Scope.STATION:
+            return WHOLE_STATION
+        if self.command.scope is Scope.TOOL:
+            return Place(self.port.number, self.port.tool)
+        return Place(self.port.number)
+
+    @property
+    def title(self) -> str:
+        """Format: ``sleep delay of port 1``."""
+        name = self.command.name.replace("_", " ")
+        return name if self.port is None else f"{name} of port {self.port.number}"
+
+    async def read(self, known: Value | None = None) -> Value:
+        """Read until two answers are equal; one is enough if it equals `known`."""
+        port, tool, _ = self.place
+        return await self.context.reads.confirmed(self.command, port, tool, known=known)
+
+    def record(
+        self,
+        outcome: SettingOutcome,
+        *,
+        requested: Value | None = None,
+        written: Value | None = None,
+        readback: Value | None = None,
+        nak: int | None = None,
+    ) -> None:
+        """Add a row to `settings`."""
+        log = self.context.log
+        tool_name = None
+        if self.port is not None and self.command.scope is Scope.TOOL:
+            tool_name = self.context.state.tool_text(self.port.tool)
+        row = SettingRow(
+            time=log.utc.micros(log.now),
+            station=self.context.name,
+            port=self.number,
+            tool_name=tool_name,
+            setting=self.command.name,
+            uom=self.command.unit,
+            requested=None if requested is None else text_of(requested),
+            written=None if written is None else text_of(written),
+            readback=None if readback is None else text_of(readback),
+            nak=nak,
+            outcome=outcome,
+        )
+        log.journal.setting(row)
+
+    def touch(self) -> None:
+        """Register that this run may change the port or the feeder, which is then made safe at the
+        end.
+        """
+        state = self.context.state
+        if self.port is None:
+            is_registered = state.feeder_touched
+            state.feeder_touched = True
+        else:
+            is_registered = self.port.number in state.facts.touched
+            self.port.touched = True
+        if not is_registered:
+            self.context.publish()  # guard and recovery must know hot tools before they are hot
+
+
+class RepeatedWrite:
+    """A setting on its way to the station, by the rules above."""
+
+    def __init__(self, target: SettingTarget, value: Value) -> None:
+        self.target = target
+        self.value = value
+        self.previous = target.value
+        self.write = SettingWrite(
+            target.context.station, target.command, target.place, value, target.read, repeats=True
+        )
+
+    async def run(self) -> None:
+        """Write until the value is read back. Raises `StartRefused` if it is not, `StationAbsent`
+        if the link breaks.
+
+        After an exception the write may or may not have been executed.
+        """
+        if self.previous is not None:
+            # the only record of the previous value
+            self.target.record(SettingOutcome.READ, readback=self.previous)
+        self.target.touch()
+        try:
+            await self._repeat()
+        except RunEnded:
+            self._record(SettingOutcome.UNCONFIRMED, Attempt())
+            raise
+        except LinkError as error:
+            self._record(SettingOutcome.UNCONFIRMED, Attempt())
+            raise StationAbsent(self._failure(f"it could not be read back ({error})")) from error
+
+    async def _repeat(self) -> None:
+        for number in range(1, MOST_WRITES + 1):
+            attempt = await self.write.attempt()
+            if self._is_confirmed(attempt):
+                self._confirm(attempt)
+                return
+            if number == MOST_WRITES or not await self._may_repeat(attempt):
+                self._refuse(attempt, number)
+            self._record(SettingOutcome.REPEATED, attempt)
+            self._report_repeat(attempt, number)
+
+    def _is_confirmed(self, attempt: Attempt) -> bool:
+        context = self.target.context
+        # a recipe that keeps suction does not set it: anybody may switch it
+        is_suction_free = context.order.recipe.suction == "keep"
+        return attempt.readback is not None and self.write.is_confirmed(
+            attempt.readback, context.state.family.status, is_suction_free=is_suction_free
+        )
+
+    async def _may_repeat(self, attempt: Attempt) -> bool:
+        """Return True if the link has settled and the previous value is still in force; for a
+        setting that cannot heat, if it may be.
+        """
+        if attempt.is_refused:
+            return False
+        context = self.target.context
+        if attempt.readback is not None:
+            if attempt.readback != self.previous:
+                return False
+            context.station.unasked(await wait(context.now + SETTLE_S))
+            return True
+        if self.target.command.name in CAN_HEAT or _is_meant(attempt.read_error):
+            return False
+        try:
+            await context.reads.confirmed(context.command("model"), known=context.state.facts.model)
+        except StationError:
+            return False
+        return True
+
+    def _confirm(self, attempt: Attempt) -> None:
+        command = self.target.command
+        self.target.context.state.written.append(
+            f"{self.target.title} {command.shown(self.value)} (was {self._previous_text()})"
+        )
+        self._record(SettingOutcome.CONFIRMED, attempt)
+        self._keep(attempt)
+
+    def _refuse(self, attempt: Attempt, number: int) -> NoReturn:
+        """Raise `StartRefused` with the reason and the number of writes."""
+        if attempt.nak is not None and attempt.readback in (None, self.previous):
+            outcome = SettingOutcome.REFUSED
+            why = f"the station refused it with N {attempt.nak:05d}"
+            if attempt.nak == ROBOT_MODE_NAK:
+                why += ROBOT_MODE_OFF
+            attempt.readback = None
+        elif attempt.readback is None:
+            outcome = SettingOutcome.UNCONFIRMED
+            why = f"it could not be read back ({attempt.read_error})"
+        else:
+            outcome = SettingOutcome.MISMATCH
+            why = f"{self.target.command.shown(attempt.readback)} was read back"
+        self._record(outcome, attempt)
+        self._keep(attempt)
+        if not attempt.is_refused:
+            why += f", in {count_text(number, 'write')}"
+        raise StartRefused(self._failure(why)) from (attempt.read_error or attempt.write_error)
+
+    def _report_repeat(self, attempt: Attempt, number: int) -> None:
+        target, command = self.target, self.target.command
+        target.context.state.facts.settings_repeated += 1
+        lost = "acknowledged" if attempt.write_error is None else str(attempt.write_error)
+        stands = "it could not be read back"
+        if attempt.readback is not None:
+            stands = f"{command.shown(attempt.readback)} is still set"
+        target.context.log.note(
+            "setting.repeated",
+            Severity.WARNING,
+            f"{target.title[:1].upper()}{target.title[1:]}: {command.shown(self.value)} did not"
+            f" take effect ({lost}; {stands}). It is written again (write {number + 1} of at most"
+            f" {MOST_WRITES}).",
+            port=target.number,
+            value=number + 1,
+        )
+
+    def _record(self, outcome: SettingOutcome, attempt: Attempt) -> None:
+        is_refused = outcome in (SettingOutcome.REFUSED, SettingOutcome.REPEATED)
+        self.target.record(
+            outcome,
+            requested=self.value,
+            written=self.value,
+            readback=attempt.readback,
+            nak=attempt.nak if is_refused else None,
+        )
+
+    def _keep(self, attempt: Attempt) -> None:
+        if attempt.readback is not None:
+            self.target.held[self.target.command.name] = attempt.readback
+
+    def _failure(self, why: str) -> str:
+        command = self.target.command
+        return (
+            f"{self.target.context.name}: {self.target.title}: requested"
+            f" {command.shown(self.value)}, but {why}; previous value: {self._previous_text()}"
+        )
+
+    def _previous_text(self) -> str:
+        return "unknown" if self.previous is None else self.target.command.shown(self.previous)
 
 
 def _is_meant(error: StationError | None) -> bool:
     return isinstance(error, Refusal) and not isinstance(error, NotReceived)
-
-
-def read_setting(
-    context: SessionContext, command: Command, port: PortState | None, known: Value | None = None
-) -> Steps[Value]:
-    return context.read_confirmed(command, *_place(command, port), known=known)
-
-
-def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
-    """Return port and tool for the command's code."""
-    if port is None or command.scope is Scope.STATION:
-        return None, None
-    return port.number, port.tool if command.scope is Scope.TOOL else None
-
-
-def title_of(command: Command, port: PortState | None) -> str:
-    name = command.name.replace("_", " ")
-    return name if port is None else f"{name} of port {port.number}"
-
-
-def keep_row(
-    context: SessionContext,
-    command: Command,
-    port: PortState | None,
-    outcome: SettingOutcome,
-    *,
-    requested: str | None = None,
-    written: str | None = None,
-    readback: str | None = None,
-    nak: int | None = None,
-) -> None:
-    tool = context.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
-    time, number = context.utc.micros(context.now), port.number if port else None
-    row = SettingRow(
-        time,
-        context.name,
-        number,
-        tool,
-        command.name,
-        command.unit,
-        requested,
-        written,
-        readback,
-        nak,
-        outcome,
-    )
-    context.journal.setting(row)
-
-
-def touch(context: SessionContext, port: PortState | None) -> None:
-    """Register that this run may change the port or the feeder, which is then made safe at the
-    end.
-    """
-    if port is None:
-        news, context.feeder_touched = not context.feeder_touched, True
-    else:
-        news, port.touched = port.number not in context.facts.touched, True
-    if news:
-        context.publish()  # guard and recovery must know hot tools before they are hot
-
-
-def write_setting(
-    context: SessionContext, command: Command, value: Value, port: PortState | None
-) -> Steps[None]:
-    """Write until the value is read back. Raises `StartRefused` if it is not, `StationAbsent` if
-    the link breaks.
-
-    After an exception the write may or may not have been executed.
-    """
-    before, requested = (
-        (context.held if port is None else port.held).get(command.name),
-        text_of(value),
-    )
-    if before is not None:
-        # the only record of the previous value
-        keep_row(context, command, port, SettingOutcome.READ, readback=text_of(before))
-    touch(context, port)
-    try:
-        yield from _write(context, command, value, port, before)
-    except (LinkError, RunEnded) as error:
-        keep_row(
-            context,
-            command,
-            port,
-            SettingOutcome.UNCONFIRMED,
-            requested=requested,
-            written=requested,
-        )
-        if isinstance(error, RunEnded):
-            raise
-        raise StationAbsent(
-            _failed(context, command, port, value, before, f"it could not be read back ({error})")
-        ) from error
-
-
-def _write(
-    context: SessionContext,
-    command: Command,
-    value: Value,
-    port: PortState | None,
-    before: Value | None,
-) -> Steps[None]:
-    for number in range(1, 2 + REPEATS):
-        one = yield from _try(context, command, value, port)
-        if one.is_meant:
-            _refuse(context, command, value, port, before, one, number)
-        if one.found is not None and _is_same(context, command, one.found, value):
-            context.written.append(
-                f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})"
-            )
-            _end(context, command, value, port, SettingOutcome.CONFIRMED, one)
-            return
-        if number > REPEATS or not (yield from _may_repeat(context, command, one, before)):
-            _refuse(context, command, value, port, before, one, number)
-        _report_repeated(context, command, value, port, one, number)
-
-
-def _try(
-    context: SessionContext, command: Command, value: Value, port: PortState | None
-) -> Steps[_Try]:
-    """Write once and read back; the read-back decides even after a lost acknowledgement. A refusal
-    needs none.
-    """
-    one = _Try()
-    try:
-        yield from context.station.write(command, value, *_place(command, port), once=True)
-    except StationError as error:
-        one.lost = error
-        if one.is_meant:
-            return one
-    try:
-        one.found = yield from read_setting(context, command, port)
-    except StationError as error:
-        one.unread = error
-    return one
-
-
-def _may_repeat(
-    context: SessionContext, command: Command, one: _Try, before: Value | None
-) -> Steps[bool]:
-    """Return True if the link has settled and the previous value is still in force; for a setting
-    that cannot heat, if it may be.
-    """
-    if one.found is not None:
-        if one.found != before:
-            return False
-        context.station.unasked((yield Wait(context.now + SETTLE_S)))
-        return True
-    if command.name in CAN_HEAT or _is_meant(one.unread):
-        return False
-    try:
-        yield from context.read_confirmed(context.command("model"), known=context.facts.model)
-    except StationError:
-        return False
-    return True
-
-
-def _is_same(context: SessionContext, command: Command, found: Value, value: Value) -> bool:
-    if found == value:
-        return True
-    if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
-        return False
-    status = context.family.status
-    # the recipe does not set it: anybody may switch it
-    is_suction_free = context.recipe.suction == "keep"
-    return status.confirms(found, value) and (
-        is_suction_free or status.sucks(found) == status.sucks(value)
-    )
-
-
-def _end(
-    context: SessionContext,
-    command: Command,
-    value: Value,
-    port: PortState | None,
-    outcome: SettingOutcome,
-    one: _Try,
-) -> None:
-    """Record the last write, and store the held value as far as it is known."""
-    readback = None if one.found is None else text_of(one.found)
-    nak = one.nak if outcome == SettingOutcome.REFUSED else None
-    keep_row(
-        context,
-        command,
-        port,
-        outcome,
-        requested=text_of(value),
-        written=text_of(value),
-        readback=readback,
-        nak=nak,
-    )
-    if one.found is not None:
-        (context.held if port is None else port.held)[command.name] = one.found
-
-
-def _refuse(
-    context: SessionContext,
-    command: Command,
-    value: Value,
-    port: PortState | None,
-    before: Value | None,
-    one: _Try,
-    number: int,
-) -> NoReturn:
-    """Raise `StartRefused` with the reason and the number of writes."""
-    if one.nak is not None and one.found in (None, before):
-        outcome, why = (
-            SettingOutcome.REFUSED,
-            f"the station refused it with N {one.nak:05d}{ROBOT_MODE_OFF if one.nak == 5 else ''}",
-        )
-        one.found = None
-    elif one.found is None:
-        outcome, why = SettingOutcome.UNCONFIRMED, f"it could not be read back ({one.unread})"
-    else:
-        outcome, why = SettingOutcome.MISMATCH, f"{command.shown(one.found)} was read back"
-    _end(context, command, value, port, outcome, one)
-    why += "" if one.is_meant else f", in {number} write{'' if number == 1 else 's'}"
-    error = _failed(context, command, port, value, before, why)
-    raise StartRefused(error) from (one.unread or one.lost)
-
-
-def _failed(
-    context: SessionContext,
-    command: Command,
-    port: PortState | None,
-    value: Value,
-    before: Value | None,
-    why: str,
-) -> str:
-    return (
-        f"{context.name}: {title_of(command, port)}: requested {command.shown(value)}, but {why};"
-        f" previous value: {_shown(command, before)}"
-    )
-
-
-def _shown(command: Command, before: Value | None) -> str:
-    return "unknown" if before is None else command.shown(before)
-
-
-def _report_repeated(
-    context: SessionContext,
-    command: Command,
-    value: Value,
-    port: PortState | None,
-    one: _Try,
-    number: int,
-) -> None:
-    readback = None if one.found is None else text_of(one.found)
-    requested = text_of(value)
-    keep_row(
-        context,
-        command,
-        port,
-        SettingOutcome.REPEATED,
-        requested=requested,
-        written=requested,
-        readback=readback,
-        nak=one.nak,
-    )
-    context.facts.settings_repeated += 1
-    stands = (
-        "it could not be read back"
-        if one.found is None
-        else f"{command.shown(one.found)} is still set"
-    )
-    lost = "acknowledged" if one.lost is None else str(one.lost)
-    what = title_of(command, port)
-    text = (
-        f"{what[:1].upper()}{what[1:]}: {command.shown(value)} did not take effect"
-        f" ({lost}; {stands}). It is written again (write {number + 1} of at most {1 + REPEATS})."
-    )
-    context.note(
-        "setting.repeated",
-        Severity.WARNING,
-        text,
-        port=port.number if port else None,
-        value=number + 1,
-    )

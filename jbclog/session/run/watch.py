@@ -9,8 +9,9 @@ from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import Severity
 from jbclog.protocol.commands.error_tables import ErrorTable
 from jbclog.session.rates import WATCHED_SETTINGS
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.omega_states import OMEGA_OBSERVERS
+from jbclog.session.run.state import PortState
 
 COOLS_WITHIN_S = 10.0  # after this time a tip without heating is colder, whatever it is
 BAND_C = 10  # ±10 °C around the setpoint counts as at temperature (docs/reference/exit-codes.md)
@@ -30,7 +31,7 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
         _note_above(context, port, value)
     port.temperatures_c["temperature_c"] = value
     port.temperature_at, port.pulled_c = context.now, None
-    if counts(context, port):
+    if context.state.alarms_count(port):
         if port.hottest_c is None or value > port.hottest_c:
             port.hottest_c = value
         if port.coolest_c is None or value < port.coolest_c:
@@ -43,8 +44,8 @@ def arrives(context: SessionContext, port: PortState, value: int) -> bool:
     """Return True if alarms begin to count with this temperature: the tool is at work and reaches
     its setpoint.
     """
-    setting = None if port.at_temperature else context.set_c(port)
-    if setting is None or not is_at_work(context, port):
+    setting = None if port.at_temperature else context.state.setpoint_c(port)
+    if setting is None or not context.state.is_at_work(port):
         return False
     before = None if port.temperature_at is None else port.temperature_c
     return _enters(before, value, setting) or _stays_above(context, port, value, setting)
@@ -68,8 +69,8 @@ def _stays_above(context: SessionContext, port: PortState, value: int, setting: 
 
 def _note_above(context: SessionContext, port: PortState, value: int) -> None:
     """Store since when a tip is hotter than its setpoint before reaching it, and how hot it was."""
-    setting = None if port.at_temperature else context.set_c(port)
-    if setting is None or not is_at_work(context, port):
+    setting = None if port.at_temperature else context.state.setpoint_c(port)
+    if setting is None or not context.state.is_at_work(port):
         return
     if value <= setting + BAND_C:
         port.found_above = None
@@ -85,18 +86,6 @@ def _temperature_of(name: str) -> Observe:
     return observe
 
 
-def is_at_work(context: SessionContext, port: PortState) -> bool:
-    """Return True if the last status is at work."""
-    return port.status is not None and context.family.status.is_working(port.status)
-
-
-def counts(context: SessionContext, port: PortState) -> bool:
-    """Return True if alarms count: while working, after first entering setpoint ±10 °C
-    (docs/reference/exit-codes.md).
-    """
-    return port.at_temperature and is_at_work(context, port)
-
-
 def _status(context: SessionContext, port: PortState, word: Value) -> None:
     assert isinstance(word, tuple)
     before, port.status = port.status, word
@@ -110,7 +99,7 @@ def _is_changed_status(context: SessionContext, before: Value, found: Value) -> 
     """Return True if a tool that the recipe ordered to another status stopped, or began, to
     work.
     """
-    ordered, status = context.recipe.run.status, context.family.status
+    ordered, status = context.order.recipe.run.status, context.state.family.status
     if ordered is None or not isinstance(before, tuple) or not isinstance(found, tuple):
         return False
     is_working = status.is_working(found)
@@ -123,7 +112,9 @@ def would_change(context: SessionContext, port: PortState, name: str, found: Val
     """
     if name == "status":
         return port.status is not None and _is_changed_status(context, port.status, found)
-    setting = {"set_c": context.set_name, "set_flow_permille": "selected_air_flow"}.get(name, name)
+    setting = {"setpoint_c": context.state.set_name, "set_flow_permille": "selected_air_flow"}.get(
+        name, name
+    )
     return (name != setting or name in WATCHED_SETTINGS) and port.held.get(setting, found) != found
 
 
@@ -133,12 +124,12 @@ def _suction(context: SessionContext, port: PortState, *, is_on: bool) -> None:
     """
     if port.has_suction != is_on:
         port.has_suction = is_on
-        if context.family.status.has_suction:
+        if context.state.family.status.has_suction:
             context.publish()
 
 
 def _set_temperature(context: SessionContext, port: PortState, value: Value) -> None:
-    name = context.set_name
+    name = context.state.set_name
     before = port.held.get(name)
     if before is not None and before != value:
         port.held[name] = value
@@ -159,20 +150,20 @@ def report_change(
     place = "" if port is None else f" of port {port.number}"
     change = f"{name.replace('_', ' ')}{place} was found changed: {found} instead of {before}"
     text = f"The {change}. It was not written again."
-    context.note(
+    context.log.note(
         "setting.changed",
         Severity.ERROR,
         text,
         port=port.number if port else None,
         raw=f"{name}={found}",
     )
-    context.facts.settings_changed += 1
+    context.state.facts.settings_changed += 1
     return change
 
 
 def stop_on(context: SessionContext, changes: list[str]) -> None:
     """Raise `SettingChanged` with all changes if the recipe stops on them."""
-    if changes and context.recipe.run.on_difference == "stop":
+    if changes and context.order.recipe.run.on_difference == "stop":
         raise SettingChanged(f"{context.name}: {'; '.join(changes)}")
 
 
@@ -197,10 +188,10 @@ def _tool(context: SessionContext, port: PortState, value: Value) -> None:
     port.at_temperature, port.found_above, port.tool_is_new = False, None, True
     port.temperature_at = port.pulled_c = None  # the last temperature was another tool's
     text = (
-        f"Port {port.number}: the tool changed from {context.tool_text(before)} to"
-        f" {context.tool_text(value)}."
+        f"Port {port.number}: the tool changed from {context.state.tool_text(before)} to"
+        f" {context.state.tool_text(value)}."
     )
-    context.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
+    context.log.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
 
 
 def _port_error(context: SessionContext, port: PortState, value: Value) -> None:
@@ -208,14 +199,14 @@ def _port_error(context: SessionContext, port: PortState, value: Value) -> None:
     before, port.error = port.error, value
     if before == value or (before is None and value == 0):
         return
-    errors = context.family.port_errors
+    errors = context.state.family.port_errors
     kind, severity = "port.error", _severity(errors, value)
     text = f"Port {port.number}: {errors.text(value)}."
     if value == 0:
         kind, severity, text = "port.ok", Severity.INFO, f"Port {port.number}: its error is gone."
     elif value in errors.states:
         kind, severity = "port.state", Severity.WARNING
-    context.note(kind, severity, text, port=port.number, code=value)
+    context.log.note(kind, severity, text, port=port.number, code=value)
 
 
 def _severity(errors: ErrorTable, code: int) -> Severity:
@@ -223,15 +214,16 @@ def _severity(errors: ErrorTable, code: int) -> Severity:
 
 
 def _station_error(context: SessionContext, port: PortState, value: Value) -> None:
-    before = context.held.get("station_error", 0)
-    context.held["station_error"] = value
+    state = context.state
+    before = state.held.get("station_error", 0)
+    state.held["station_error"] = value
     if before == value or not isinstance(value, int):
         return
     if value == 0:
-        context.note("station.ok", Severity.INFO, "The station's error is gone.", code=0)
+        context.log.note("station.ok", Severity.INFO, "The station's error is gone.", code=0)
     else:
-        errors = context.family.station_errors
-        context.note(
+        errors = state.family.station_errors
+        context.log.note(
             "station.error",
             _severity(errors, value),
             f"Station error: {errors.text(value)}.",
@@ -243,7 +235,7 @@ OBSERVERS: dict[str, Observe] = {
     "temperature_c": _temperature,
     "status": _status,
     **{name: _temperature_of(name) for name in ("external_c", "transistor_c", "transformer_c")},
-    "set_c": _set_temperature,
+    "setpoint_c": _set_temperature,
     "set_flow_permille": _watched("selected_air_flow"),
     "tool": _tool,
     "port_error": _port_error,
@@ -251,10 +243,3 @@ OBSERVERS: dict[str, Observe] = {
     **OMEGA_OBSERVERS,
     **{name: _watched(name) for name in WATCHED_SETTINGS},
 }
-
-
-def is_no_tool(context: SessionContext, port: PortState) -> bool:
-    """Return True if the station last reported no tool in `port`, so that its temperature has no
-    meaning.
-    """
-    return context.family.is_empty(port.tool, port.error)

@@ -7,7 +7,6 @@ from __future__ import annotations
 from contextlib import suppress
 
 from jbclog.core.errors import LinkFlooded, StationError
-from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.commands.family import Family
@@ -29,14 +28,14 @@ def blind_word(family: Family, *, suction: bool, mixed: bool) -> StatusWord | No
     return family.status.with_suction(orders[0], on=suction) if orders else None
 
 
-def write_unanswered(
+async def write_unanswered(
     client: Client, family: Family, name: str, value: Value, port: int | None = None
-) -> Steps[bool]:
+) -> bool:
     """Write once, without waiting long for an answer; return True if the frame was sent. Raises
     `LinkError` if the link breaks.
     """
     before = client.exchanges
     writing = client.write(family.commands[name], value, port, hurry=True, once=True)
     with suppress(StationError, LinkFlooded):
-        yield from in_time(writing, client.now, client.now + ANSWER_S)
+        await in_time(writing, client.now, client.now + ANSWER_S)
     return client.exchanges > before

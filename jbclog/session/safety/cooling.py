@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jbclog.core.errors import LinkError, LinkFlooded, NotSupported, StationError
-from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.io_requests import wait
 from jbclog.protocol.commands.command import Command
 from jbclog.session.safety.orders import is_reachable
 from jbclog.session.safety.time_budget import in_time
@@ -21,11 +21,11 @@ FALL_C = 2  # a cooling tip falls by this much; one degree is within the noise
 COLD_C = 60.0
 
 
-def is_cold(task: SafetyTask, tool: ToolSafety) -> Steps[bool]:
+async def is_cold(task: SafetyTask, tool: ToolSafety) -> bool:
     """Return True if the tool is too cold to burn anyone and its heater is off, by two answers
     each.
     """
-    found = yield from _heat(task, tool)
+    found = await _heat(task, tool)
     has_both = bool(found.celsius) and bool(found.permille)
     return (
         has_both
@@ -34,7 +34,7 @@ def is_cold(task: SafetyTask, tool: ToolSafety) -> Steps[bool]:
     )
 
 
-def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
+async def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> set[int]:
     """Return the ports of those tools that cool down, or whose heater is off.
 
     Watches all of them during the same second, and leaves time for orders to those that do not
@@ -44,12 +44,12 @@ def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
     if not tools or until >= task.budget.latest(len(tools)):
         return cooling
     for tool in tools:
-        before[tool.port] = yield from _heat_by(
+        before[tool.port] = await _heat_by(
             task, tool, task.budget.latest(len(tools)), with_power=False
         )
-    task.client.unasked((yield Wait(until)))
+    task.client.unasked(await wait(until))
     for tool in tools:
-        after = yield from _heat_by(task, tool, task.budget.latest(len(tools) - len(cooling)))
+        after = await _heat_by(task, tool, task.budget.latest(len(tools) - len(cooling)))
         if _cools(before[tool.port], after):
             cooling.add(tool.port)
     return cooling
@@ -66,25 +66,25 @@ class _Heat:
     tells_power: bool = True
 
 
-def _heat_by(
+async def _heat_by(
     task: SafetyTask, tool: ToolSafety, end: float, *, with_power: bool = True
-) -> Steps[_Heat]:
-    if not (yield from is_reachable(task)):
+) -> _Heat:
+    if not await is_reachable(task):
         return _Heat()
-    return (yield from in_time(_heat(task, tool, with_power=with_power), task.client.now, end))
+    return await in_time(_heat(task, tool, with_power=with_power), task.client.now, end)
 
 
-def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> Steps[_Heat]:
+async def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> _Heat:
     """Read temperature and heater power."""
     command = task.family.command_of("temperature_c")
     if command is None:
         return _Heat()
     celsius: Sequence[float] = ()
     try:
-        celsius = yield from _two_of(task, command, tool)
+        celsius = await _two_of(task, command, tool)
         return _Heat(
             celsius,
-            (yield from _two_of(task, task.family.commands["power"], tool)) if with_power else (),
+            await _two_of(task, task.family.commands["power"], tool) if with_power else (),
         )
     except NotSupported:
         return _Heat(celsius, tells_power=False)
@@ -109,11 +109,11 @@ def _cools(before: _Heat, after: _Heat) -> bool:
     return is_off or (falls and may_be_off)
 
 
-def _two_of(task: SafetyTask, command: Command, tool: ToolSafety) -> Steps[list[float]]:
+async def _two_of(task: SafetyTask, command: Command, tool: ToolSafety) -> list[float]:
     """Read twice in a row: the answers may differ, but a conclusion must hold for both."""
     answers = []
     for _ in range(2):
-        value = yield from task.client.read(command, tool.port)
+        value = await task.client.read(command, tool.port)
         # NaN fails every comparison
         answers.append(float(value) if isinstance(value, int | float) else math.nan)
     return answers

@@ -20,7 +20,7 @@ from jbclog.core.errors import (
     RobotModeOff,
     StationError,
 )
-from jbclog.core.io_requests import Reopen, Steps, Wait
+from jbclog.core.io_requests import reopen, wait
 from jbclog.core.quantities import Value
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
@@ -43,15 +43,15 @@ Failure = LinkError | StationError
 # -- an order, and its proof -----------------------------------------------------------------------
 
 
-def order(task: SafetyTask, orders: Orders) -> Steps[None]:
+async def order(task: SafetyTask, orders: Orders) -> None:
     """Order each tool's state once, then read each back, as long as time remains for the fallback
     states.
     """
-    failures = yield from _send_each(task, orders)
-    yield from _read_each_back(task, orders, failures)
+    failures = await _send_each(task, orders)
+    await _read_each_back(task, orders, failures)
 
 
-def _send_each(task: SafetyTask, orders: Orders) -> Steps[list[Failure | None]]:
+async def _send_each(task: SafetyTask, orders: Orders) -> list[Failure | None]:
     """Send each order once; return the failure of each acknowledgement, if any.
 
     A station may be slow to acknowledge (docs/reference/contradictions.md, B-13). After one
@@ -60,7 +60,7 @@ def _send_each(task: SafetyTask, orders: Orders) -> Steps[list[Failure | None]]:
     client, budget = task.client, task.budget
     failures: list[Failure | None] = []
     for done, (tool, word) in enumerate(orders):
-        yield from is_reachable(task)  # before the shares: a port may take longer to open than one
+        await is_reachable(task)  # before the shares: a port may take longer to open than one
         hurry = task.is_silent or task.has_waited or budget.left_s < UNHURRIED_S
         budget.note_answer()
         if hurry:  # two parts for each tool: the order, and its read-back
@@ -68,15 +68,15 @@ def _send_each(task: SafetyTask, orders: Orders) -> Steps[list[Failure | None]]:
         else:
             until = min(client.now + UNHURRIED_S, budget.end)
         sending = _send(task, tool, word, hurry=hurry)
-        failure = yield from in_time(sending, client.now, until)
+        failure = await in_time(sending, client.now, until)
         task.has_waited |= isinstance(failure, AnswerTimeout)
         failures.append(failure)
     return failures
 
 
-def _read_each_back(
+async def _read_each_back(
     task: SafetyTask, orders: Orders, failures: Sequence[Failure | None]
-) -> Steps[None]:
+) -> None:
     """Read each order back, unless it may not have been sent."""
     client, budget = task.client, task.budget
     end = budget.latest(sum(word != task.words(tool)[-1] for tool, word in orders))
@@ -86,23 +86,23 @@ def _read_each_back(
         was_silent = task.is_silent
         budget.note_answer()
         until = budget.share_ends(end, len(orders) - done, READ_BACK_ANSWERS)
-        yield from in_time(_read_back(task, tool, word, failure), client.now, until)
+        await in_time(_read_back(task, tool, word, failure), client.now, until)
         # silent before, and still: orders are more urgent than reads
         if (was_silent and task.is_silent) or client.now >= end:
             return
 
 
-def _send(
+async def _send(
     task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool
-) -> Steps[Failure | None]:
+) -> Failure | None:
     """Order a state; return the error, if any."""
-    if not (yield from is_reachable(task)):
+    if not await is_reachable(task):
         return LinkError("not reached")
     tool.note_order(word)
     try:
-        yield from task.client.write(task.family.commands["status"], word, tool.port, hurry=hurry)
+        await task.client.write(task.family.commands["status"], word, tool.port, hurry=hurry)
     except LinkError as error:
-        yield from _recover(task, error)
+        await _recover(task, error)
         return error
     except StationError as error:  # the read-back decides
         return error
@@ -110,12 +110,12 @@ def _send(
     return None
 
 
-def _read_back(
+async def _read_back(
     task: SafetyTask, tool: ToolSafety, word: StatusWord, failure: StationError | None
-) -> Steps[None]:
+) -> None:
     """Read the ordered state back; `failure` came instead of the acknowledgement."""
     status = task.family.status
-    found = yield from status_now(task, tool)
+    found = await status_now(task, tool)
     if found is None:
         return
     if status.is_safe(found, word):
@@ -134,15 +134,15 @@ def _read_back(
         tool.was_lost = True
 
 
-def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
+async def status_now(task: SafetyTask, tool: ToolSafety) -> StatusWord | None:
     """Return the tool's state by two answers; None if not available."""
-    if not (yield from is_reachable(task)):
+    if not await is_reachable(task):
         return None
     begun = task.client.now
     try:
-        found = yield from read_confirmed(task.client, task.family.commands["status"], tool.port)
+        found = await read_confirmed(task.client, task.family.commands["status"], tool.port)
     except (LinkError, StationError) as error:
-        yield from _recover(task, error)
+        await _recover(task, error)
         return None
     task.is_silent = False
     task.budget.note_look(begun)
@@ -152,40 +152,40 @@ def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
 # -- the feeder ------------------------------------------------------------------------------------
 
 
-def stop_feeder(task: SafetyTask) -> Steps[bool]:
+async def stop_feeder(task: SafetyTask) -> bool:
     """Stop the feeder; return True if it reports that it has stopped."""
-    if not (yield from is_reachable(task)):
+    if not await is_reachable(task):
         return False
     try:
-        yield from task.client.write(task.family.commands["stop_feeding"], 0, hurry=task.is_silent)
-        return (yield from _has_stopped(task))
+        await task.client.write(task.family.commands["stop_feeding"], 0, hurry=task.is_silent)
+        return await _has_stopped(task)
     except (LinkError, StationError) as error:
-        yield from _recover(task, error)
+        await _recover(task, error)
         return False
 
 
-def look_at_feeder(task: SafetyTask) -> Steps[None]:
+async def look_at_feeder(task: SafetyTask) -> None:
     """Check the feeder again: a robot may have restarted it while its tool was still at work."""
     task.feeds = True  # until it reports that it has stopped
-    if not (yield from is_reachable(task)):
+    if not await is_reachable(task):
         return
     try:
-        task.feeds = not (yield from _has_stopped(task))
+        task.feeds = not await _has_stopped(task)
     except (LinkError, StationError) as error:
-        yield from _recover(task, error)
+        await _recover(task, error)
     if task.feeds:
-        task.feeds = not (yield from stop_feeder(task))
+        task.feeds = not await stop_feeder(task)
 
 
-def _has_stopped(task: SafetyTask) -> Steps[bool]:
-    feeding = yield from read_confirmed(task.client, task.family.commands["feeding"])
+async def _has_stopped(task: SafetyTask) -> bool:
+    feeding = await read_confirmed(task.client, task.family.commands["feeding"])
     return feeding == FeederState.STOPPED
 
 
 # -- orders without proof --------------------------------------------------------------------------
 
 
-def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
+async def order_at_last(task: SafetyTask, end: float) -> None:
     """Order by `end` what is not proven, when no time is left to prove it; repeat what was not
     acknowledged.
 
@@ -195,43 +195,43 @@ def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
     for _ in range(LAST_ORDERS):
         if task.feeds and task.is_proven:
             until = client.now + (end - client.now) / (2 + len(tools))
-            task.feeds = not (yield from in_time(stop_feeder(task), client.now, until))
+            task.feeds = not await in_time(stop_feeder(task), client.now, until)
         lost = []
         for done, tool in enumerate(tools):
             if not task.is_proven:
                 return
             until = client.now + (end - client.now) / (1 + len(tools) - done)
             sending = _send(task, tool, task.words(tool)[-1], hurry=True)
-            failure = yield from in_time(sending, client.now, until)
+            failure = await in_time(sending, client.now, until)
             if isinstance(failure, StationError):
                 lost.append(tool)
         tools = lost
 
 
-def order_blindly(task: SafetyTask) -> Steps[None]:
+async def order_blindly(task: SafetyTask) -> None:
     """Stop the feeder and order the states that need no proof; earlier readings are void."""
     if task.is_stranger:
         return
     if task.has_fed:
         task.feeds = True
-        yield from _write_blindly(task, "stop_feeding", 0)
+        await _write_blindly(task, "stop_feeding", 0)
     for tool in task.tools:
         if tool.reached == SafetyResult.VERIFIED:
             tool.reached = SafetyResult.FAILED if tool.was_spared else SafetyResult.SENT
         word = task.unproven_word(tool)
         tool.was_spared = False
         tool.note_order(word)
-        if (yield from _write_blindly(task, "status", word, tool.port)):
+        if await _write_blindly(task, "status", word, tool.port):
             tool.reached = SafetyResult.SENT
 
 
-def _write_blindly(
+async def _write_blindly(
     task: SafetyTask, name: str, value: Value, port: int | None = None
-) -> Steps[bool]:
+) -> bool:
     """Write without proof; return True if the frame was sent."""
     before = task.client.exchanges
     try:
-        yield from task.client.write(task.family.commands[name], value, port, hurry=True)
+        await task.client.write(task.family.commands[name], value, port, hurry=True)
     except LinkFlooded as flood:
         task.flood = flood
     except LinkError:
@@ -244,14 +244,14 @@ def _write_blindly(
 # -- a link that may break -------------------------------------------------------------------------
 
 
-def is_reachable(task: SafetyTask) -> Steps[bool]:
+async def is_reachable(task: SafetyTask) -> bool:
     """Return True if the intended station, and no other, is connected."""
     if not task.is_proven and not task.is_flooded:
-        yield from _recover(task, LinkError("not proven"))
+        await _recover(task, LinkError("not proven"))
     return task.is_proven and not task.is_flooded
 
 
-def _recover(task: SafetyTask, error: Failure) -> Steps[None]:
+async def _recover(task: SafetyTask, error: Failure) -> None:
     """Record what the error shows about the link, and reopen it; a station that refuses answers.
 
     A silent station may still receive; a reconnected cable may lead to another station.
@@ -262,21 +262,21 @@ def _recover(task: SafetyTask, error: Failure) -> Steps[None]:
     task.is_proven &= not isinstance(error, LinkError)
     task.is_silent = isinstance(error, AnswerTimeout)
     if not isinstance(error, Refusal):
-        yield from _reopen(task)
+        await _reopen(task)
 
 
-def _reopen(task: SafetyTask) -> Steps[None]:
+async def _reopen(task: SafetyTask) -> None:
     """Reopen the port while there is time; after a broken link until the station is identified
     again.
     """
     client = task.client
     while client.now < task.budget.end:
         try:
-            client.unasked((yield Reopen()))
+            client.unasked(await reopen())
             if client.flow.is_flooded:
-                yield from expect_quiet(client)
+                await expect_quiet(client)
             if not task.is_proven:
-                task.is_proven = yield from task.prove()
+                task.is_proven = await task.prove()
             if task.is_proven:
                 return
         except LinkFlooded as flood:
@@ -287,6 +287,6 @@ def _reopen(task: SafetyTask) -> Steps[None]:
         except StationError:
             pass  # not ready yet
         before = client.now
-        client.unasked((yield Wait(before + REOPEN_EVERY_S)))
+        client.unasked(await wait(before + REOPEN_EVERY_S))
         if client.now <= before:
             return  # the share of the time is over (`in_time`)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.io_requests import wait
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
@@ -39,61 +39,61 @@ LAST_S = 0.25  # of these, to repeat orders not proven by then
 TRIES = 3
 
 
-def secure(task: SafetyTask) -> Steps[None]:
+async def secure(task: SafetyTask) -> None:
     """Make the station safe within `ALLOWED_S`. The task has the result; errors of link and station
     are not raised.
     """
     client, budget = task.client, task.budget
-    client.unasked((yield Wait(0.0)))
+    client.unasked(await wait(0.0))
     begun = client.now
     budget.end = begun + ALLOWED_S - LAST_S
     if task.look is not None and task.is_proven and not client.flow.is_flooded:
-        task.is_proven = yield from in_time(task.look(), begun, begun + LOOK_S)
-    yield from in_time(_in_rounds(task), client.now, budget.end)
+        task.is_proven = await in_time(task.look(), begun, begun + LOOK_S)
+    await in_time(_in_rounds(task), client.now, budget.end)
     if not task.is_done:
-        yield from order_at_last(task, begun + ALLOWED_S)
+        await order_at_last(task, begun + ALLOWED_S)
 
 
-def _in_rounds(task: SafetyTask) -> Steps[None]:
+async def _in_rounds(task: SafetyTask) -> None:
     """Try `TRIES` times while there is time; over a flooded link order without proof."""
     client, budget = task.client, task.budget
     if client.flow.is_flooded:
-        yield from order_blindly(task)
+        await order_blindly(task)
     for round_ in range(TRIES):
         budget.rounds = round_
         if round_:
-            yield from _pause(task, TRIES - round_)
+            await _pause(task, TRIES - round_)
         task.is_flooded = False
-        yield from _round(task, is_first=not round_)
+        await _round(task, is_first=not round_)
         if task.is_flooded or client.flow.is_suspect:
-            yield from order_blindly(task)
+            await order_blindly(task)
         if task.is_done or client.now >= budget.end:
             return
 
 
-def _pause(task: SafetyTask, rounds_left: int) -> Steps[None]:
+async def _pause(task: SafetyTask, rounds_left: int) -> None:
     """Wait for a share of the remaining time: the cause of the failure may go away."""
     share_s = max(task.budget.left_s, 0.0) / (rounds_left + 1)
-    task.client.unasked((yield Wait(task.client.now + share_s)))
+    task.client.unasked(await wait(task.client.now + share_s))
 
 
-def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
+async def _round(task: SafetyTask, *, is_first: bool) -> None:
     """Try the feeder and each tool that is not safe once, and check a feeder that ran again."""
     client, budget = task.client, task.budget
-    yield from is_reachable(task)  # before the shares: a port may take longer to open than one
+    await is_reachable(task)  # before the shares: a port may take longer to open than one
     if task.feeds:
         budget.note_answer()
         # two parts for the feeder and for each tool: the order, and its read-back
         until = budget.share_ends(budget.end, 2 * (len(task.tools) + 1), READ_BACK_ANSWERS)
-        task.feeds = not (yield from in_time(stop_feeder(task), client.now, until))
+        task.feeds = not await in_time(stop_feeder(task), client.now, until)
     if task.spare:
-        yield from _spare_resting(task)
-    yield from _put(task, [tool for tool in task.tools if not tool.is_safe], is_first=is_first)
+        await _spare_resting(task)
+    await _put(task, [tool for tool in task.tools if not tool.is_safe], is_first=is_first)
     if task.has_fed:
-        yield from look_at_feeder(task)
+        await look_at_feeder(task)
 
 
-def _spare_resting(task: SafetyTask) -> Steps[None]:
+async def _spare_resting(task: SafetyTask) -> None:
     """Find tools that already rest in a state that proves it, and leave them alone. In its
     extractor state a tool is cold or cools, in every family; an order to stand would heat it.
     """
@@ -101,7 +101,7 @@ def _spare_resting(task: SafetyTask) -> Steps[None]:
     for tool in task.tools:
         if tool.is_safe or tool.was_ordered:
             continue
-        found = yield from status_now(task, tool)
+        found = await status_now(task, tool)
         if found is None and task.is_silent:
             break  # the orders are more urgent
         if found is None:
@@ -114,11 +114,11 @@ def _spare_resting(task: SafetyTask) -> Steps[None]:
             doubtful.append((tool, found))
     warm = []
     for tool, found in doubtful:
-        if (yield from is_cold(task, tool)):
+        if await is_cold(task, tool):
             _spare(tool, found)
         else:
             warm.append((tool, found))
-    cooling = yield from watch(task, [tool for tool, _ in warm])
+    cooling = await watch(task, [tool for tool, _ in warm])
     for tool, found in warm:
         if tool.port in cooling:
             _spare(tool, found)
@@ -128,17 +128,17 @@ def _spare(tool: ToolSafety, found: StatusWord) -> None:
     tool.reached, tool.status, tool.was_spared = SafetyResult.VERIFIED, found, True
 
 
-def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> Steps[None]:
+async def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> None:
     """Try each tool once; if its state is not reached or it does not cool, try the fallbacks."""
     words = {tool.port: task.words(tool) for tool in tools}
-    yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
+    await order(task, [(tool, words[tool.port][0]) for tool in tools])
     # repeat a lost order before trying another state
-    yield from order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
+    await order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
     watched = [tool for tool in tools if _is_to_be_watched(task, tool)]
-    yield from _fall_back(
+    await _fall_back(
         task, [tool for tool in tools if tool not in watched], words, is_first=is_first
     )
-    cooling = yield from watch(task, watched)
+    cooling = await watch(task, watched)
     for tool in watched:
         if tool.port in cooling:
             tool.reached = SafetyResult.VERIFIED
@@ -148,9 +148,7 @@ def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> St
                 f"{task.family.status.shown(tool.ordered)} was read back, but the tool did not"
                 " cool",
             )
-    yield from _fall_back(
-        task, [tool for tool in watched if not tool.is_safe], words, is_first=is_first
-    )
+    await _fall_back(task, [tool for tool in watched if not tool.is_safe], words, is_first=is_first)
 
 
 def _is_to_be_watched(task: SafetyTask, tool: ToolSafety) -> bool:
@@ -165,13 +163,13 @@ def _is_to_be_watched(task: SafetyTask, tool: ToolSafety) -> bool:
     )
 
 
-def _fall_back(
+async def _fall_back(
     task: SafetyTask,
     tools: Sequence[ToolSafety],
     words: Mapping[int, Sequence[StatusWord]],
     *,
     is_first: bool,
-) -> Steps[None]:
+) -> None:
     """Order the fallback states, until one is reached.
 
     Repeats a word that keeps suction and got no answer once, before the plain one drops the part.
@@ -190,7 +188,7 @@ def _fall_back(
             why = f"{task.family.status.shown(before)} was not confirmed"
             tool.pass_over_unconfirmed(before, why)
             orders.append((tool, choices[place]))
-        yield from order(task, orders)
+        await order(task, orders)
 
 
 def _may_keep_suction(task: SafetyTask, tool: ToolSafety) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import inf
 
 from jbclog.core.errors import AnswerTimeout
-from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait, relay
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait, do, relay
 from jbclog.protocol.client.interface import Client
 
 FIRST_S = 0.2  # patience for an answer in the first round, at least,
@@ -74,11 +74,11 @@ def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
     A later request is not sent; its sender gets a time-out.
     """
 
-    def done_by_then(request: Request) -> Steps[IoResult]:
+    async def done_by_then(request: Request) -> IoResult:
         nonlocal now
         if now >= end and isinstance(request, Ask):
             raise AnswerTimeout("no time is left to ask")
-        heard = yield _cut(request, now, end)
+        heard = await do(_cut(request, now, end))
         now = heard.now
         return heard
 

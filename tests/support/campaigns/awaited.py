@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 
-from jbclog.protocol.client.timing import READS
-from jbclog.transport.start_barrier import SILENT_S
+from support.product import SILENT_S, TIMED_READS
 
 SEALING_CHILD_ENDED = "the sealing child ended with"
-CAPTURE_LACKS = "ends before its session: at most the last"
-RECORDING_ENDS = "the recording ends"
+CAPTURE_LACKS = "The serial capture is not whole:"
+RECORDING_ENDS = "the capture ends"
 LEFT_HOT_NOTED = "left tools hot; noted in its record"
 HAS_A_GUARD = "has a guard already"
 MADE_SAFE_BY_GUARD = "was put in its safe state by the guard"
@@ -26,7 +25,7 @@ ON_THE_BENCH = "was on the bench when the run ended"
 INTERNAL_ERROR = "internal error"
 
 HOW_OFTEN = re.compile(
-    rf"in \d+ (?:try|tries|writes?)\b|only \d+ of {READS} questions|silent for {SILENT_S:g} s in"
-    r" step \d"
+    rf"in \d+ (?:try|tries|writes?)\b|only \d+ of {TIMED_READS} questions"
+    rf"|silent for {SILENT_S:g} s in step \d"
 )
 """Of a start that was refused: at which setting or reading, after how many tries."""

@@ -1,51 +1,54 @@
-"""Mutation testing: a seeded sample of small changes of the code, each tried with the tests that
-cover its line.
+"""Mutation testing: small changes of the code, each tried with the tests that run its line.
 
 ::
 
-    python tests/support campaigns.mutants cover WORK            # once: a copy of the tree, and which test runs which line; again to go on
-    python tests/support campaigns.mutants cover WORK before-move ../before   # packages and tests of another scope, in another repository
-    python tests/support campaigns.mutants run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
-    python tests/support campaigns.mutants run WORK safety,guard 600 40   # and those that survived again, with 40 s of tests
-    python tests/support campaigns.mutants again WORK safety tests/unit/session/safety/test_secure.py   # survivors, tests of today
-    python tests/support campaigns.mutants report WORK           # the share that was noticed, with its 95 % interval (Wilson)
-
-A scope (`SCOPES`) names packages, their files and the tests that may cover them: `safety` (as above, if
-none is named), `layers` for protocol, session and record, and `before-move` for the same three in the
-last commit before the thirteen packages, 510f85a8. That commit asks for fpdf2 in addition.
+    .ci/mutants                               # every package, from nothing; again to go on
+    .ci/mutants --package guard --seconds 600
+    .ci/mutants --again survivors             # try once more what survived, or all of it
+    .ci/mutants --report                      # the score by package, and what changed since HEAD
+    .ci/mutants --report --against 0422b429
 
 A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left
-out, a value returned. Texts, types and imports are left alone. All is done in WORK/tree, a copy of
-the repository as it was when its lines were measured, so that processes that tests start have the
-mutant, too.
+out, a value returned. Texts, types and imports are left alone. It is known by its file, its
+function (class and outermost function; outside of functions, class and name that is assigned), what
+is done (`LtE`, `left out`), and its number among those of the same kind there: results survive
+lines that move. Of a package those are tried whose identity, hashed with the seed, comes first:
+most mutants of tomorrow's code are those of today. `tests/data/mutants/PACKAGE.csv` keeps what
+came out.
+
+All is done in WORK/tree, a copy of the repository, so that processes that tests start have the
+mutant, too. First each test of a group of packages (`GROUPS`) runs once, watched: which lines it
+runs, and what it costs. The copy and what was measured are made anew when code or tests change.
 
 A process that has collected all tests forks for each mutant; there the code of the changed function
 is replaced and the tests are run, cheapest first and each test function before its other
 parameters, up to `MOST_S` of CPU time altogether: a mutant that survives those counts as survived.
-What is changed outside functions (a constant, a default) is tried in a fork that has not imported
-the project yet. A test that takes far longer than usual has noticed. A test that runs in real time
-has to fail twice: a busy machine alone may fail it once. So the share that was noticed may be
-smaller than it is with all tests, hardly greater. WORK/PACKAGE.jsonl holds the outcome of each.
+The test that noticed it at HEAD comes first. What is changed outside functions (a constant, a
+default) is tried in a fork that has not imported the project yet. A test that takes far longer than
+usual has noticed. A test that runs in real time has to fail twice: a busy machine alone may fail it
+once. So the share that was noticed may be smaller than it is with all tests, hardly greater.
 
-`cover` and `run` may be ended at any time, and go on where they ended. `run` takes a mutant of each
-package in turn, so that all have as many by then, but for one. SIGINT, SIGTERM or SIGHUP to the
-tool end the trial in hand as well, with its process group, and put the file that it changed back.
-After SIGKILL the trial runs to its end, and the next command puts the file back.
-"""  # noqa: E501  # commands are copied as one line
+The tool may be ended at any time, and continues where it ended. It takes a mutant of each package
+of a group in turn. SIGINT, SIGTERM or SIGHUP end the trial in hand as well, with its process group,
+and put the file that it changed back. After SIGKILL the trial runs to its end, and the next command
+puts the file back.
+"""
 
 from __future__ import annotations
 
+import argparse
 import ast
 import compileall
-import copy
+import csv
 import fcntl
 import functools
 import gc
+import hashlib
 import importlib
+import itertools
 import json
 import math
 import os
-import random
 import re
 import resource
 import select
@@ -59,222 +62,128 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import chain, zip_longest
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 HERE = Path(__file__).resolve().parents[3]
-SAMPLE, SEED = 500, 20261122
+DATA = HERE / "tests/data/mutants"
+SEED = 20261122
 # a test that runs half of the lines of a file that others run has to be so much cheaper: 2 to this
 THOROUGH = 4
-MOST_S = 8.0  # of CPU time for a mutant
+MOST_S = 4.0  # of CPU time for a mutant
 SIBLINGS = 6  # parameters of a test function that are used
 SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as usual
 CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
 MORE_BYTES = 2 << 30
-SAFETY_TESTS = (
-    *(
-        "tests/unit/guard",
-        "tests/unit/session/safety",
-        "tests/unit/transport/test_reactor.py",
-        "tests/unit/guard/test_guarding.py",
-    ),
-    *(
-        "tests/unit/protocol/client/test_station_late.py",
-        "tests/unit/protocol/test_what_can_heat.py",
-        "tests/unit/record/test_left_hot.py",
-        "tests/line",
-    ),
-    *(
-        "tests/unit/record/test_guarded.py",
-        "tests/unit/cli/test_safe.py",
-        "tests/unit/session/test_scheduler.py",
-    ),
-    *(
-        "tests/faults/test_left_hot.py",
-        "tests/line/test_link_faults.py",
-        "tests/faults/test_wrong_answers.py",
-    ),
-    *(
-        "tests/faults/test_disturbed_runs.py",
-        "tests/faults/test_outside_bench.py",
-        "tests/faults/test_nothing_is_decided.py",
-    ),
-    *(
-        "tests/faults/test_every_witness.py",
-        "tests/line/test_starts.py",
-        "tests/serial/test_safe.py",
-    ),
-    *("tests/serial/test_take_over.py", "tests/faults/test_guard.py"),
-)
-# one rule for both: what mirrors a package, whole runs, and the verbs that use `session.manual`
-COMMON_TESTS = (
-    "tests/unit/record",
-    "tests/line",
-    *(f"tests/unit/cli/test_{name}.py" for name in ("read", "read_doubt", "write", "safe", "scan")),
-)
 
 
 @dataclass(frozen=True)
-class Scope:
-    """Packages, each with patterns of its files below `jbclog/`, and tests that may cover them."""
+class Package:
+    """A folder below `jbclog/` without some of it, the number of its mutants that are tried (None:
+    all), and the tests that may notice them.
+    """
 
-    packages: Mapping[str, Sequence[str]]
+    folder: str
+    most: int | None
     tests: Sequence[str]
-    without: Sequence[str] = ()
+    without: str = "-"
 
-    def files(self, tree: Path, package: str) -> list[Path]:
-        place = tree / "jbclog"
-        found = {path for one in self.packages[package] for path in place.glob(one)}
-        return sorted(found - {place / name for name in self.without})
+    def files(self, tree: Path) -> list[Path]:
+        found = (tree / "jbclog" / self.folder).rglob("*.py")
+        return sorted(path for path in found if not path.is_relative_to(tree / self.without))
 
 
-SCOPES = {
-    "safety": Scope(
-        {
-            "session": ("session/run/*.py",),
-            "guard": ("guard/*.py",),
-            "safety": ("session/safety/*.py",),
-        },
-        SAFETY_TESTS,
-    ),
-    "layers": Scope(
-        {name: (f"{name}/**/*.py",) for name in ("protocol", "session", "record")},
-        ("tests/unit/protocol", "tests/unit/session", *COMMON_TESTS),
-    ),
-    # what is in those three today, where it stood (`git diff -M 510f85a8 441fd285`), and its tests
-    "before-move": Scope(
-        {
-            "protocol": ("protocol/*.py", "commands/*.py", "station/*.py"),
-            "session": (
-                *("session/*.py", "finding/*.py", "byhand/*.py", "safety/*.py"),
-                "scheduler.py",
-            ),
-            "record": ("record/*.py",),
-        },
-        (
-            *("tests/tables", "tests/wire", "tests/unit/finding", "tests/unit/safety"),
-            *(
-                f"tests/unit/test_{name}.py"
-                for name in (
-                    *("frame", "omega_frame", "omega_values", "what_can_heat", "after", "agreed"),
-                    *("flow", "omega_station", "station", "station_forms", "station_late"),
-                    *("turnaround", "scheduler", "losses"),
-                )
-            ),
-            *COMMON_TESTS,
-            # these are in tests/line today
-            *(
-                f"tests/faults/test_{name}.py"
-                for name in ("link_faults", "omega_bits", "omega_sweep", "starts", "two_bits")
-            ),
-        ),
-        # in core today
-        without=("record/chained.py", "record/durable.py", "record/lock.py"),
-    ),
+SAFETY_TESTS = (
+    "tests/unit/session/safety",
+    "tests/unit/guard",
+    "tests/unit/session/test_scheduler.py",
+    "tests/unit/record/test_left_hot.py",
+    "tests/unit/record/test_guarded.py",
+    "tests/line/test_safe_state.py",
+    "tests/unit/protocol/client/test_station_late.py",
+    "tests/unit/transport/test_reactor.py",
+)
+GUARD_TESTS = (*SAFETY_TESTS, "tests/unit/cli/test_safe.py", "tests/serial/test_take_over.py")
+LAYER_TESTS = ("tests/unit/protocol", "tests/unit/session", "tests/line", "tests/unit/record")
+OTHERS = (
+    *("analysis", "app", "cli", "config", "core", "live", "maintenance", "report", "sim"),
+    "transport",
+)
+PACKAGES = {
+    "safety": Package("session/safety", None, SAFETY_TESTS),
+    "guard": Package("guard", None, GUARD_TESTS),
+    "protocol": Package("protocol", 500, LAYER_TESTS),
+    "session": Package("session", 500, LAYER_TESTS, without="jbclog/session/safety"),
+    "record": Package("record", 500, LAYER_TESTS),
+    **{name: Package(name, 100, (f"tests/unit/{name}",)) for name in OTHERS},
 }
+GROUPS = (("safety", "guard"), ("protocol", "session", "record"), OTHERS)
 REAL = (
     "tests/serial/",
-    "tests/unit/guard/",
-    "tests/faults/test_guard.py",
-    "tests/faults/test_left_hot.py",
-    "tests/unit/transport/",
+    *(f"tests/unit/{name}/" for name in ("cli", "guard", "record", "transport")),
 )
-REAL += ("tests/unit/record/", "tests/unit/cli/")
-OPTIONS = (
-    "-n0",
-    "-q",
-    "-s",
-    "-p",
-    "no:cacheprovider",
-    "--no-header",
-    "--tb=no",
-    "--hypothesis-seed=0",
-    "-m",
-    "not campaign",
-)
-OPTIONS += ("-W", "ignore:Module already imported")
-WARM = (
-    "numpy",
-    "pandas",
-    "pyarrow.parquet",
-    "pydantic",
-    "typer.testing",
-    "serial",
-    "hypothesis",
-    "pytest",
-    "sqlite3",
-)
+OPTIONS = ["-n0", "-q", "-s", "-p", "no:cacheprovider", "--no-header", "--tb=no"]
+OPTIONS += ["--hypothesis-seed=0", "-m", "not campaign", "-W", "ignore:Module already imported"]
+WARM = ["numpy", "pandas", "pyarrow.parquet", "pydantic", "typer.testing", "serial", "hypothesis"]
+WARM += ["pytest"]
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_NUM_THREADS")
 # in the environment of all that a test starts: what outlives the test is ended by it
 MARK = "JBCLOG_MUTANT"
-SCOPE = "scope"  # the file in WORK with its name
 TRACE = "JBCLOG_MUTANTS_TRACE"
 IN_HAND = "in-hand.json"  # the file that a mutant replaces, as it was
 ENDED_BY = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-Mutant = tuple[str, int, str, int, int]
-"""File, line, word, number of the node, number of the change."""
-
 
 # -- mutants ---------------------------------------------------------------------------------------
 
-COMPARE = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-}
-COMPARE |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
-OPERATE = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.FloorDiv: ast.Mult,
-    ast.Mod: ast.FloorDiv,
-}
+PAIRS = (
+    (ast.Lt, ast.LtE),
+    (ast.Gt, ast.GtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+    (ast.In, ast.NotIn),
+)
+COMPARE = dict(PAIRS) | {second: first for first, second in PAIRS}
+OPERATE = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
+OPERATE |= {ast.FloorDiv: ast.Mult, ast.Mod: ast.FloorDiv}
 OPERATE |= {ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr}
 UNTOUCHED = ("annotation", "returns", "type_params", "decorator_list")
 CALLS = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 
+def with_(field: str, value: Any) -> Callable[[ast.AST], ast.AST]:
+    """A function that gives a node this field."""
+
+    def act(node: ast.AST) -> ast.AST:
+        setattr(node, field, value)
+        return node
+
+    return act
+
+
 def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:
-    """What may be done to a node: a word for it, and a function that does it to a copy and gives
-    what stands there then.
+    """What may be done to a node: a word for it, and a function that does it and gives what stands
+    there then.
     """
     match node:
-        case ast.Compare(ops=[one]) if type(one) in COMPARE:
-            yield (
-                COMPARE[type(one)].__name__,
-                lambda new: (setattr(new, "ops", [COMPARE[type(new.ops[0])]()]), new)[1],
-            )
-        case ast.BinOp(op=one) | ast.AugAssign(op=one) if type(one) in OPERATE:
-            yield (
-                OPERATE[type(one)].__name__,
-                lambda new: (setattr(new, "op", OPERATE[type(new.op)]()), new)[1],
-            )
-        case ast.BoolOp():
-            yield (
-                "and/or",
-                lambda new: (
-                    setattr(new, "op", ast.Or() if isinstance(new.op, ast.And) else ast.And()),
-                    new,
-                )[1],
-            )
+        case ast.Compare(ops=[operator]) if type(operator) in COMPARE:
+            other = COMPARE[type(operator)]
+            yield other.__name__, with_("ops", [other()])
+        case ast.BinOp(op=operator) | ast.AugAssign(op=operator) if type(operator) in OPERATE:
+            yield OPERATE[type(operator)].__name__, with_("op", OPERATE[type(operator)]())
+        case ast.BoolOp(op=operator):
+            yield "and/or", with_("op", ast.Or() if isinstance(operator, ast.And) else ast.And())
         case ast.UnaryOp(op=ast.Not()):
-            yield "without not", lambda new: new.operand
+            yield "without not", lambda old: old.operand
         case ast.UnaryOp(op=ast.USub()):
-            yield "without minus", lambda new: new.operand
+            yield "without minus", lambda old: old.operand
         case ast.Constant(value=bool()):
-            yield "other bool", lambda new: ast.Constant(not new.value)
+            yield "other bool", lambda old: ast.Constant(not old.value)
         case ast.Constant(value=int() | float()):
-            yield "plus 1", lambda new: ast.Constant(new.value + 1)
+            yield "plus 1", lambda old: ast.Constant(old.value + 1)
             if node.value:
-                yield "zero", lambda new: ast.Constant(type(new.value)(0))
+                yield "zero", lambda old: ast.Constant(type(old.value)(0))
         case (
             ast.If()
             | ast.IfExp()
@@ -282,139 +191,163 @@ def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:
                 test=ast.Compare() | ast.BoolOp() | ast.Name() | ast.Attribute() | ast.Call()
             )
         ):
-            yield "never", lambda new: (setattr(new, "test", ast.Constant(False)), new)[1]
+            yield "never", with_("test", ast.Constant(False))
             if not isinstance(node, ast.While):
-                yield "always", lambda new: (setattr(new, "test", ast.Constant(True)), new)[1]
+                yield "always", with_("test", ast.Constant(True))
         case ast.Return(value=value) if value is not None and not (
             isinstance(value, ast.Constant) and value.value is None
         ):
-            yield "returns None", lambda new: ast.Return(ast.Constant(None))
+            yield "returns None", lambda _: ast.Return(ast.Constant(None))
         case (
-            ast.Expr(value=ast.Call())
+            ast.Expr(value=ast.Call() | ast.Await())
             | ast.Raise()
             | ast.Assign(targets=[ast.Attribute() | ast.Subscript()])
             | ast.AugAssign()
         ):
-            yield "left out", lambda new: ast.Pass()
+            yield "left out", lambda _: ast.Pass()
         case ast.Expr(value=ast.YieldFrom()):
-            yield "left out", lambda new: ast.parse("if False:\n    yield").body[0]
+            yield "left out", lambda _: ast.parse("if False:\n    yield").body[0]
         case ast.Continue():
-            yield "break", lambda new: ast.Break()
+            yield "break", lambda _: ast.Break()
         case ast.Break():
-            yield "continue", lambda new: ast.Continue()
+            yield "continue", lambda _: ast.Continue()
         case ast.Call(func=ast.Name(id=name)) if name in CALLS:
-            yield CALLS[name], lambda new: (setattr(new.func, "id", CALLS[new.func.id]), new)[1]
+            yield CALLS[name], with_("func", ast.Name(CALLS[name], ast.Load()))
 
 
-class Places(ast.NodeVisitor):
-    """All changes of a file, in order: (line, word, path of the node, number of the change)."""
+Identity = tuple[str, str, str, str]
+"""File, function, operator and number of a mutant."""
 
-    def __init__(self) -> None:
-        self.found: list[tuple[int, str, int, int]] = []
-        self._number = 0
 
-    def generic_visit(self, node: ast.AST) -> None:
-        number, self._number = self._number, self._number + 1
-        for which, (word, _) in enumerate(changes(node)):
-            self.found.append((getattr(node, "lineno", 0), word, number, which))
-        for name, value in ast.iter_fields(node):
-            if name in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
+class Mutant(NamedTuple):
+    """One change of one place."""
+
+    file: str
+    function: str  # its class and outermost function; else class and name that is assigned
+    operator: str
+    number: int  # among those of the same kind in this function, from 1
+    line: int
+    node: int  # its number in the file, as `ways` counts
+    change: int  # its number among the `changes` of the node
+
+    @property
+    def identity(self) -> Identity:
+        return self.file, self.function, self.operator, str(self.number)
+
+
+Way = Sequence[tuple[ast.AST, str]]
+"""The nodes from the module to one, each with the field of its parent that it stands in."""
+
+
+def ways(tree: ast.Module) -> Iterator[Way]:
+    """The way to each node that may be changed, in order."""
+
+    def below(way: Way) -> Iterator[Way]:
+        yield way
+        node = way[-1][0]
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            return
+        for field, value in ast.iter_fields(node):
+            if field in UNTOUCHED:
                 continue
-            for one in value if isinstance(value, list) else [value]:
-                if isinstance(one, ast.AST):
-                    self.visit(one)
+            for child in value if isinstance(value, list) else [value]:
+                if isinstance(child, ast.AST):
+                    yield from below([*way, (child, field)])
+
+    return below([(tree, "")])
 
 
-class Change(ast.NodeTransformer):
-    """Makes one change."""
-
-    def __init__(self, number: int, which: int) -> None:
-        self._left, self._which = number, which
-
-    def generic_visit(self, node: ast.AST) -> Any:
-        number, self._left = self._left, self._left - 1
-        if number == 0:
-            return ast.copy_location(list(changes(node))[self._which][1](copy.deepcopy(node)), node)
-        for name, value in ast.iter_fields(node):
-            if name in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
-                continue
-            if isinstance(value, list):
-                setattr(
-                    node,
-                    name,
-                    [self.visit(one) if isinstance(one, ast.AST) else one for one in value],
-                )
-            elif isinstance(value, ast.AST):
-                setattr(node, name, self.visit(value))
-        return node
+def way_to(tree: ast.Module, number: int) -> Way:
+    return next(itertools.islice(ways(tree), number, None))
 
 
-def mutants_of(tree: Path, scope: Scope, package: str) -> list[Mutant]:
+def function_of(way: Way) -> str:
+    names = []
+    for node, _ in way:
+        match node:
+            case ast.ClassDef(name=name):
+                names.append(name)
+            case (
+                ast.FunctionDef(name=name)
+                | ast.AsyncFunctionDef(name=name)
+                | ast.Assign(targets=[ast.Name(id=name), *_])
+                | ast.AnnAssign(target=ast.Name(id=name))
+            ):
+                names.append(name)
+                break
+    return ".".join(names)
+
+
+def mutants_of(tree: Path, path: Path) -> list[Mutant]:
+    """All mutants of a file, in order."""
+    file = path.relative_to(tree).as_posix()
+    kinds: Counter[tuple[str, str]] = Counter()
     found = []
-    for path in scope.files(tree, package):
-        places = Places()
-        places.visit(ast.parse(path.read_text()))
-        found += [(path.relative_to(tree).as_posix(), *place) for place in places.found]
+    for node, way in enumerate(ways(ast.parse(path.read_text()))):
+        function = function_of(way)
+        line = getattr(way[-1][0], "lineno", 0)
+        for change, (operator, _) in enumerate(changes(way[-1][0])):
+            kinds[function, operator] += 1
+            number = kinds[function, operator]
+            found.append(Mutant(file, function, operator, number, line, node, change))
     return found
 
 
-def mutated(path: Path, node: int, which: int) -> ast.Module:
-    return ast.fix_missing_locations(Change(node, which).visit(ast.parse(path.read_text())))
+def mutated(text: str, number: int, change: int) -> ast.Module:
+    """The code with this change of this node."""
+    tree = ast.parse(text)
+    *_, (parent, _), (node, field) = way_to(tree, number)
+    new = list(changes(node))[change][1](node)
+    if new is not node:
+        ast.copy_location(new, node)
+        value = getattr(parent, field)
+        if isinstance(value, list):
+            value[value.index(node)] = new
+        else:
+            setattr(parent, field, new)
+    return ast.fix_missing_locations(tree)
 
 
-def sample(tree: Path, scope: Scope, package: str) -> list[Mutant]:
-    everything = mutants_of(tree, scope, package)
-    return random.Random(f"{SEED} {package}").sample(everything, min(SAMPLE, len(everything)))
+def everything(tree: Path, package: str) -> list[Mutant]:
+    """All mutants of a package, drawn by the hash of their identity: the first n are a sample."""
+    files = PACKAGES[package].files(tree)
+    found = [mutant for path in files for mutant in mutants_of(tree, path)]
+    return sorted(found, key=lambda mutant: drawn(mutant.identity))
 
 
-def around(path: Path, number: int) -> list[tuple[ast.AST, str]]:
-    """The nodes from the module to this one, and through which field it goes on; numbered as
-    `Places` and `Change` do.
-    """
-    left = number
-
-    def walk(node: ast.AST) -> list[tuple[ast.AST, str]]:
-        nonlocal left
-        left -= 1
-        if left < 0:
-            return [(node, "")]
-        for field, value in ast.iter_fields(node):
-            if field in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
-                continue
-            for one in value if isinstance(value, list) else [value]:
-                if isinstance(one, ast.AST) and (found := walk(one)):
-                    return [(node, field), *found]
-        return []
-
-    return walk(ast.parse(path.read_text()))
+def drawn(identity: Sequence[str]) -> bytes:
+    return hashlib.sha256("\t".join([str(SEED), *identity]).encode()).digest()
 
 
-def function_at(path: Path, number: int) -> tuple[str, int] | None:
+def sample(tree: Path, package: str) -> list[Mutant]:
+    return everything(tree, package)[: PACKAGES[package].most]
+
+
+def function_at(text: str, number: int) -> tuple[str, int] | None:
     """Name and first line (of its decorators) of the outermost function in whose body this node is;
     None outside of functions.
     """
     name = ""
-    for node, field in around(path, number):
+    way = way_to(ast.parse(text), number)
+    for (node, _), (_, field) in itertools.pairwise(way):
         if isinstance(node, ast.ClassDef):
             name += f"{node.name}."
-        if isinstance(node, ast.FunctionDef) and field == "body":
-            return name + node.name, min(
-                [node.lineno, *(one.lineno for one in node.decorator_list)]
-            )
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and field == "body":
+            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            return name + node.name, first
     return None
 
 
-def statement_at(path: Path, number: int) -> range:
+def statement_at(text: str, number: int) -> range:
     """The lines of the innermost statement that this node is in, without those of the statements in
     it.
     """
-    one = [
-        node for node, _ in around(path, number) if isinstance(node, ast.stmt | ast.ExceptHandler)
-    ][-1]
-    inner = [
-        child.lineno for child in ast.walk(one) if isinstance(child, ast.stmt) and child is not one
-    ]
-    return range(one.lineno, max(min([(one.end_lineno or one.lineno) + 1, *inner]), one.lineno + 1))
+    way = way_to(ast.parse(text), number)
+    *_, statement = [node for node, _ in way if isinstance(node, ast.stmt | ast.ExceptHandler)]
+    inside = [node for node in ast.walk(statement) if isinstance(node, ast.stmt)]
+    inner = [node.lineno for node in inside if node is not statement]
+    end = min([(statement.end_lineno or statement.lineno) + 1, *inner])
+    return range(statement.lineno, max(end, statement.lineno + 1))
 
 
 def called_as_it_loads(text: str) -> set[str]:
@@ -422,7 +355,7 @@ def called_as_it_loads(text: str) -> set[str]:
     loads = [
         node
         for node in ast.parse(text).body
-        if not isinstance(node, ast.FunctionDef | ast.ClassDef)
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
     ]
     calls = [call.func for node in loads for call in ast.walk(node) if isinstance(call, ast.Call)]
     return {name.id for name in calls if isinstance(name, ast.Name)}
@@ -431,31 +364,32 @@ def called_as_it_loads(text: str) -> set[str]:
 # -- a copy, and children in it --------------------------------------------------------------------
 
 
-def copied(work: Path, repository: Path) -> Path:
-    """A copy of the repository of one's own; which commit it is of stands in `COMMIT`."""
+def copied(work: Path) -> Path:
+    """A copy of the repository of one's own, made anew, without what was measured, where code or
+    tests are others than those it is of. `REVISION` names these, also where nothing is committed.
+    """
     tree = work / "tree"
+    revision = tree / "REVISION"
+    looked_at = ["jbclog", "tests/*.py", ":!tests/support/campaigns", ":!*test_mutants.py"]
+    if revision.exists():
+        compared = ["git", "diff", "--quiet", revision.read_text(), "--", *looked_at]
+        if not subprocess.run(compared, cwd=HERE, check=False).returncode:
+            return tree
     shutil.rmtree(tree, ignore_errors=True)
+    (work / "cover.jsonl").unlink(missing_ok=True)
     listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=repository, capture_output=True, check=True, text=True
+        ["git", "ls-files", "-z"], cwd=HERE, capture_output=True, check=True, text=True
     ).stdout
     for file in filter(None, listed.split("\0")):
         (tree / file).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(repository / file, tree / file, follow_symlinks=False)
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        cwd=repository,
-        capture_output=True,
-        check=True,
-        text=True,
-    ).stdout
-    (tree / "COMMIT").write_text(commit)
+        shutil.copy2(HERE / file, tree / file, follow_symlinks=False)
     compileall.compile_dir(tree / "jbclog", quiet=1)
+    stashed = "git stash create | grep . || git rev-parse HEAD"
+    named = subprocess.run(
+        stashed, shell=True, cwd=HERE, capture_output=True, check=True, text=True
+    )
+    revision.write_text(named.stdout.strip())
     return tree
-
-
-def scope_of(work: Path) -> Scope:
-    path = work / SCOPE
-    return SCOPES[path.read_text() if path.exists() else "safety"]
 
 
 def begin(work: Path) -> None:
@@ -468,7 +402,8 @@ def begin(work: Path) -> None:
     except OSError:
         sys.exit(f"another process works in {work}")
     restore(work)
-    for path in work.glob("*.jsonl"):
+    path = work / "cover.jsonl"
+    if path.exists():
         os.truncate(path, path.read_bytes().rfind(b"\n") + 1)
 
 
@@ -505,11 +440,6 @@ def whole_rows(path: Path) -> list[dict[str, Any]]:
     """The rows of a file of JSON lines, without one that is being written."""
     text = path.read_text() if path.exists() else ""
     return [json.loads(row) for row in text[: text.rfind("\n") + 1].splitlines()]
-
-
-def add_row(path: Path, row: Mapping[str, Any]) -> None:
-    with path.open("a") as file:
-        file.write(json.dumps(row) + "\n")
 
 
 def interrupted(number: int, _frame: FrameType | None) -> None:
@@ -617,7 +547,11 @@ class Child:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (size + MORE_BYTES, size + MORE_BYTES))
-        act(lambda text: os.write(write, f"{text}\n".encode()) and None)
+
+        def say(text: str) -> None:
+            os.write(write, f"{text}\n".encode())
+
+        act(say)
         os._exit(0)
 
     def said(self, limit_s: Callable[[str], float]) -> Iterator[str]:
@@ -639,8 +573,7 @@ class Child:
         os.close(self._end)
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
-        _, status, used = os.wait4(self.pid, 0)
-        self.cpu_s = used.ru_utime + used.ru_stime
+        _, status = os.waitpid(self.pid, 0)
         mark = f"{MARK}={self.pid}".encode()
         for place in Path("/proc").iterdir():
             with suppress(OSError):
@@ -667,14 +600,14 @@ def patience(took: dict[str, list[float]]) -> Callable[[str], float]:
 # -- which tests cover what ------------------------------------------------------------------------
 
 
-def watch_lines(files: Set[str], note: Callable[[str, int], None]) -> None:
-    """Call `note` once for each line of a function of these files that is run, with its file."""
+def watch_lines(note: Callable[[str, int], None]) -> None:
+    """Call `note` once for each line of a function of the project that is run, with its file."""
     known: dict[CodeType, tuple[str, set[int]] | None] = {}
 
     def of(code: CodeType) -> tuple[str, set[int]] | None:
         name = code.co_filename[code.co_filename.rfind("/jbclog/") + 1 :]
         # 1: a function, no module and no class
-        if not code.co_flags & 1 or name not in files:
+        if not code.co_flags & 1 or not name.startswith("jbclog/"):
             return None
         return name, {line for *_, line in code.co_lines() if line}
 
@@ -699,12 +632,11 @@ def traced_here() -> None:
     """Write down what this process runs; called as a process that a test started begins."""
     trace = Path(os.environ[TRACE])
     file = os.open(trace, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    scope, tree = scope_of(trace.parent), trace.parent / "tree"
-    files = [path for package in scope.packages for path in scope.files(tree, package)]
-    watch_lines(
-        {path.relative_to(tree).as_posix() for path in files},
-        lambda name, line: os.write(file, f"{name}:{line}\n".encode()) and None,
-    )
+
+    def note(name: str, line: int) -> None:
+        os.write(file, f"{name}:{line}\n".encode())
+
+    watch_lines(note)
 
 
 def chosen(items: Sequence[Any]) -> list[Any]:
@@ -754,40 +686,40 @@ def one_by_one(
     return True
 
 
-def cover(work: Path, scope: str = "safety", repository: Path = HERE) -> None:
-    """Measure which test runs which line, and what each costs: seconds, and seconds of CPU time.
-
-    What was copied and measured before stays: another commit takes another WORK.
+def cover(work: Path, tests: Sequence[str], end: float) -> None:
+    """Measure which of these tests runs which line, and what each costs: seconds, and seconds of
+    CPU time. What was measured before stays.
     """
-    work.mkdir(parents=True, exist_ok=True)
-    begin(work)
-    path, is_whole = work / "cover.jsonl", False
-    if not (work / "tree/COMMIT").exists():
-        path.unlink(missing_ok=True)
-        (work / SCOPE).write_text(scope)
-        copied(work, repository)
-    enter(work)
+    path = work / "cover.jsonl"
     known = {row["test"] for row in whole_rows(path)}
+    is_collected = False
 
     def measure(items: dict[str, Any]) -> None:
-        nonlocal is_whole
+        nonlocal is_collected
+        is_collected = bool(items)
         for item in chosen(list(items.values())):
-            if item.nodeid not in known:
-                add_row(path, measured(work, item))
-        is_whole = bool(items)
+            if item.nodeid not in known and time.monotonic() < end:
+                row = measured(work, item)
+                with path.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
 
-    collected(measure, [name for name in scope_of(work).tests if Path(name).exists()])
-    if not is_whole:
-        sys.exit("not all tests were measured")
-    rows = [row for row in whole_rows(path) if row["took"]]
+    collected(measure, tests)
+    if not is_collected:
+        sys.exit("the tests could not be collected")
+
+
+def covered(work: Path, places: Sequence[str]) -> dict[str, Any]:
+    """Of the measured tests in these files and folders: those of each line of each file, and what
+    each took.
+    """
+    measured = [row for row in whole_rows(work / "cover.jsonl") if row["took"]]
+    rows = [row for row in measured if row["test"].startswith(tuple(places))]
     lines: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
         for place in row["ran"]:
             name, _, line = place.rpartition(":")
             lines[name][int(line)].append(row["test"])
-    took = {row["test"]: row["took"] for row in rows}
-    (work / "cover.json").write_text(json.dumps({"lines": lines, "took": took}))
-    print(f"{len(took)} tests, {sum(cpu for _, cpu in took.values()):.0f} s of CPU time")
+    return {"lines": lines, "took": {row["test"]: row["took"] for row in rows}}
 
 
 def measured(work: Path, item: Any) -> dict[str, Any]:
@@ -832,20 +764,20 @@ def defined(text: str) -> Mapping[int, frozenset[str]]:
             names = [one.id for one in inner if isinstance(one, ast.Name)]
         lines = set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
         for one in node.body if isinstance(node, ast.ClassDef) else []:
-            if isinstance(one, ast.FunctionDef):
+            if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef):
                 lines -= set(range(one.lineno, (one.end_lineno or one.lineno) + 1))
         found |= dict.fromkeys(lines, frozenset(names))
     return found
 
 
 def lines_of(
-    tree: Path, name: str, line: int, covered: Mapping[str, Mapping[str, object]]
+    tree: Path, name: str, line: int, known: Mapping[str, Mapping[int, object]]
 ) -> list[tuple[str, int]]:
     """The lines where a change of this line outside of functions shows: for a class, or a statement
     that defines no name, its file's; else where its name is used. If no test runs one of those,
     where a name is used that is made from it, and so on.
     """
-    texts = {file: (tree / file).read_text() for file in sorted({name, *covered})}
+    texts = {file: (tree / file).read_text() for file in sorted({name, *known})}
     left = defined(texts[name]).get(line, frozenset())
     names = left
     is_class = any(
@@ -857,7 +789,7 @@ def lines_of(
         if is_class or not left
         else []
     )
-    while left and not any(str(number) in covered.get(file, ()) for file, number in found):
+    while left and not any(number in known.get(file, ()) for file, number in found):
         word = re.compile(r"\b(" + "|".join(sorted(left)) + r")\b")
         more = [
             (file, number)
@@ -873,36 +805,36 @@ def lines_of(
 
 
 def covering(
-    known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str], most_s: float = MOST_S
+    known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str], first: str = ""
 ) -> list[str]:
     """The tests that run the line, cheapest first; other parameters of the same test later, those
-    that noticed much, and those that run more of the file, earlier.
+    that noticed much, and those that run more of the file, earlier; those of the function `first`
+    before all.
     """
-    name, line, _, node, _ = mutant
     took, lines = known["took"], known["lines"]
-    is_within = function_at(tree / name, node) is not None
-    within = [(name, number) for number in statement_at(tree / name, node)]
-    places = within if is_within else lines_of(tree, name, line, lines)
-    tests = {test for place, number in places for test in lines.get(place, {}).get(str(number), ())}
+    text = (tree / mutant.file).read_text()
+    of_file = lines.get(mutant.file, {})
+    is_within = function_at(text, mutant.node) is not None
+    within = [(mutant.file, number) for number in statement_at(text, mutant.node)]
+    places = within if is_within else lines_of(tree, mutant.file, mutant.line, lines)
+    tests = {test for file, number in places for test in lines.get(file, {}).get(number, ())}
     if not tests and not is_within:  # a default of a field, say
-        tests = {test for some in lines.get(name, {}).values() for test in some}
+        tests = {test for some in of_file.values() for test in some}
     cost = {test: max(took[test][1], took[test][0] / 4) for test in tests}
     siblings: Counter[str] = Counter()
-    runs = Counter(test for some in lines.get(name, {}).values() for test in some)
+    runs = Counter(test for some in of_file.values() for test in some)
     thorough = max(runs.values(), default=1)
     order = {}
-    for test in sorted(tests, key=lambda test: cost[test]):
+    for test in sorted(tests, key=lambda test: (cost[test], test)):
         function = test.partition("[")[0]
         siblings[function] += 1
-        order[test] = (
-            cost[test]
-            * siblings[function]
-            / (1 + noticed[test])
-            * (thorough / max(runs[test], 1)) ** THOROUGH
-        )
-    result, total = [], 0.0
+        share = thorough / max(runs[test], 1)
+        worth = cost[test] * siblings[function] / (1 + noticed[function]) * share**THOROUGH
+        order[test] = (function != first, worth)
+    result: list[str] = []
+    total = 0.0
     for test in sorted(order, key=lambda test: order[test]):
-        if result and total + cost[test] > most_s:
+        if result and total + cost[test] > MOST_S:
             continue
         total += cost[test]
         result.append(test)
@@ -917,8 +849,8 @@ class Trial:
     which has not even imported the project.
     """
 
-    def __init__(self, work: Path, known: dict[str, Any], words: Sequence[str]) -> None:
-        self.work, self.tree, self.took = work, work / "tree", known["took"]
+    def __init__(self, work: Path, took: dict[str, list[float]], tests: Sequence[str]) -> None:
+        self.work, self.tree, self.took = work, work / "tree", took
         ask, self._ask = os.pipe()
         self._answer, answer = os.pipe()
         self._warm = os.fork()
@@ -926,10 +858,7 @@ class Trial:
             os.close(self._ask)
             os.close(self._answer)
             try:
-                collected(
-                    lambda items: self._serve(items, ask, answer),
-                    [name for name in words if Path(name).exists()],
-                )
+                collected(lambda items: self._serve(items, ask, answer), tests)
             finally:
                 os._exit(0)
         os.close(ask)
@@ -956,48 +885,36 @@ class Trial:
         self._answers.close()
         os.waitpid(self._warm, 0)
 
-    def outcome(self, mutant: Mutant, tests: Sequence[str]) -> dict[str, Any]:
-        """Its result. Done again with the test alone that noticed, where that runs in real time."""
-        began, self._cpu_s = time.monotonic(), 0.0
-        name, _, _, node, which = mutant
-        path, left = self.tree / name, list(tests)
-        text, function = path.read_text(), function_at(path, node)
-        code = (
-            None
-            if function is None or function[0] in called_as_it_loads(text)
-            else (str(path), *function, node, which)
-        )
-        by, why = "", ""
-        with changed(self.work, name, ast.unparse(mutated(path, node, which))):
+    def outcome(self, mutant: Mutant, tests: Sequence[str]) -> tuple[str, str]:
+        """Its outcome, and the test function that noticed. Tried again with that test alone where
+        it runs in real time.
+        """
+        if not tests:
+            return NOT_RUN, ""
+        path, left = self.tree / mutant.file, list(tests)
+        text = path.read_text()
+        function = function_at(text, mutant.node)
+        place = None
+        if function is not None and function[0] not in called_as_it_loads(text):
+            place = (str(path), *function, mutant.node, mutant.change)
+        new = ast.unparse(mutated(text, mutant.node, mutant.change))
+        with changed(self.work, mutant.file, new):
             while left:
-                by, why = self._tried(code, text, left)
-                if not by or not by.startswith(REAL):
+                test = self._tried(place, text, left)
+                if not test:
                     break
-                if self._tried(code, text, [by])[0]:
-                    break
-                left, by, why = left[left.index(by) + 1 :], "", ""
-        word = "not covered" if not tests else "noticed" if by else "survived"
-        seconds = round(time.monotonic() - began, 1)
-        return {
-            "outcome": word,
-            "by": by,
-            "why": why,
-            "tests": len(tests),
-            "seconds": seconds,
-            "cpu": round(self._cpu_s, 2),
-        }
+                if not test.startswith(REAL) or self._tried(place, text, [test]):
+                    return NOTICED, test.partition("[")[0]
+                left = left[left.index(test) + 1 :]
+        return SURVIVED, ""
 
     def _tried(
-        self, code: tuple[str, str, int, int, int] | None, text: str, tests: Sequence[str]
-    ) -> tuple[str, str]:
-        if code is None:
-            by, why, cpu = judged(Child(self.work, lambda say: self._cold(tests, say)), self.took)
-            self._cpu_s += cpu
-            return by, why
-        os.write(self._ask, (json.dumps([code, text, list(tests)]) + "\n").encode())
-        by, why, cpu = json.loads(self._answers.readline())
-        self._cpu_s += cpu
-        return by, why
+        self, place: tuple[str, str, int, int, int] | None, text: str, tests: Sequence[str]
+    ) -> str:
+        if place is None:
+            return judged(Child(self.work, lambda say: self._cold(tests, say)), self.took)
+        os.write(self._ask, (json.dumps([place, text, list(tests)]) + "\n").encode())
+        return str(json.loads(self._answers.readline()))
 
     def _cold(self, tests: Sequence[str], say: Callable[[str], None]) -> None:
         def act(items: dict[str, Any]) -> None:
@@ -1008,44 +925,50 @@ class Trial:
                 os._exit(1)
 
         collected(act, list(dict.fromkeys(test.partition("::")[0] for test in tests)))
-        say("failed to collect")
+        say("failed import")
         os._exit(0)
 
     def _serve(self, items: dict[str, Any], ask: int, answer: int) -> None:
         if not items:
             return
-        gc.unfreeze()
-        functions: dict[tuple[str, str, int], list[FunctionType]] = defaultdict(list)
-        for one in gc.get_objects():
-            if isinstance(one, FunctionType) and one.__code__.co_filename.startswith(
-                str(self.tree / "jbclog")
-            ):
-                functions[
-                    one.__code__.co_filename, one.__code__.co_qualname, one.__code__.co_firstlineno
-                ].append(one)
-        gc.collect()
-        gc.freeze()
+        functions = self._functions()
         os.write(answer, b"ready\n")
         for line in os.fdopen(ask, "r"):
-            (file, name, first, node, which), text, tests = json.loads(line)
+            place, text, tests = json.loads(line)
+            changed = functions[tuple(place[:3])]
+            act = functools.partial(self._warm_act, changed, place, text, wanted(items, tests))
+            # no test may have it
+            test = judged(Child(self.work, act), self.took) if changed else ""
+            os.write(answer, (json.dumps(test) + "\n").encode())
 
-            def act(say: Callable[[str], None]) -> None:
-                tree = ast.fix_missing_locations(Change(node, which).visit(ast.parse(text)))  # noqa: B023
-                made = [*codes(compile(tree, file, "exec"))]  # noqa: B023
-                there = [(one.co_qualname, one.co_firstlineno) for one in made]
-                code = made[there.index((name, first))]  # noqa: B023
-                for one in functions[file, name, first]:  # noqa: B023
-                    one.__code__ = code
-                if one_by_one(wanted(items, tests), self.took, say):  # noqa: B023
-                    say("done")
+    def _functions(self) -> dict[tuple[str, str, int], list[FunctionType]]:
+        """The functions of the project by file, name and first line."""
+        gc.unfreeze()
+        found = defaultdict(list)
+        place = str(self.tree / "jbclog")
+        for thing in gc.get_objects():
+            if isinstance(thing, FunctionType) and thing.__code__.co_filename.startswith(place):
+                code = thing.__code__
+                found[code.co_filename, code.co_qualname, code.co_firstlineno].append(thing)
+        gc.collect()
+        gc.freeze()
+        return found
 
-            # no test has it
-            found = (
-                judged(Child(self.work, act), self.took)
-                if functions[file, name, first]
-                else ("", "", 0.0)
-            )
-            os.write(answer, (json.dumps(found) + "\n").encode())
+    def _warm_act(
+        self,
+        functions: Sequence[FunctionType],
+        place: tuple[str, str, int, int, int],
+        text: str,
+        items: Sequence[Any],
+        say: Callable[[str], None],
+    ) -> None:
+        file, name, first, node, change = place
+        made = codes(compile(mutated(text, node, change), file, "exec"))
+        code = next(it for it in made if (it.co_qualname, it.co_firstlineno) == (name, first))
+        for function in functions:
+            function.__code__ = code
+        if one_by_one(items, self.took, say):
+            say("done")
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:
@@ -1056,87 +979,160 @@ def codes(code: CodeType) -> Iterator[CodeType]:
             yield from codes(one)
 
 
-def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str, float]:
-    """The test that noticed, and how, both empty where all passed; seconds of CPU time."""
-    last = "begun nothing"
+def judged(child: Child, took: dict[str, list[float]]) -> str:
+    """The test that noticed: it failed, took too long or ended its process; empty if all passed."""
+    last = "begun import"
     try:
         for text in child.said(patience(took)):
             last = text
     finally:
-        status = child.end()
-    test = last.partition(" ")[2]
-    if last == "done":
-        return "", "", child.cpu_s
-    if last.startswith("failed "):
-        return test, "failed", child.cpu_s
-    is_killed = os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGKILL, signal.SIGXCPU)
-    return test, "too long" if is_killed else f"ended by {status}", child.cpu_s
+        child.end()
+    return "" if last == "done" else last.partition(" ")[2]
 
 
-def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
-    """The result of each mutant, at the last try."""
-    rows = whole_rows(work / f"{package}.jsonl")
-    return list({tuple(row["mutant"]): row for row in rows}.values())
+# -- the data --------------------------------------------------------------------------------------
+
+COLUMNS = ("file", "function", "operator", "number", "outcome", "noticed_by")
+NOTICED, SURVIVED, NOT_RUN = "noticed", "survived", "line not run"
+
+Rows = dict[Identity, tuple[str, str]]
+"""Of each mutant by its identity: the outcome, and the test function that noticed it first."""
+
+
+def rows_in(text: str) -> Rows:
+    table = csv.DictReader(text.splitlines())
+    return {
+        (row["file"], row["function"], row["operator"], row["number"]): (
+            row["outcome"],
+            row["noticed_by"],
+        )
+        for row in table
+    }
+
+
+def kept(package: str) -> Rows:
+    path = DATA / f"{package}.csv"
+    return rows_in(path.read_text()) if path.exists() else {}
+
+
+def kept_at(revision: str, package: str) -> Rows:
+    """What was kept at this revision: nothing where it has none."""
+    file = f"{revision}:{DATA.relative_to(HERE)}/{package}.csv"
+    shown = subprocess.run(
+        ["git", "show", file], cwd=HERE, capture_output=True, check=False, text=True
+    )
+    return rows_in(shown.stdout)
+
+
+def keep(package: str, rows: Rows) -> None:
+    """Write them, sorted."""
+    DATA.mkdir(parents=True, exist_ok=True)
+    path = DATA / f"{package}.csv"
+    aside = path.with_suffix(".new")
+    with aside.open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        ordered = sorted(rows, key=lambda key: (*key[:3], int(key[3])))
+        table.writerows([*identity, *rows[identity]] for identity in ordered)
+    aside.replace(path)
+
+
+def forget(package: str, which: str) -> None:
+    """Leave out what is to be tried once more."""
+    rows = kept(package)
+    left = {
+        identity: row
+        for identity, row in rows.items()
+        if which == "survivors" and row[0] == NOTICED
+    }
+    if rows:
+        keep(package, left)
 
 
 def in_turn(mutants: Mapping[str, Sequence[Mutant]]) -> Iterator[tuple[str, Mutant]]:
     """Yield one of each package, then the next of each."""
-    each = [[(package, one) for one in some] for package, some in mutants.items()]
-    return filter(None, chain.from_iterable(zip_longest(*each)))
+    each = [[(package, mutant) for mutant in some] for package, some in mutants.items()]
+    turns = itertools.zip_longest(*each)
+    return filter(None, itertools.chain.from_iterable(turns))
 
 
-def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOST_S) -> None:
-    """Try mutants of the samples that have not been tried yet, or survived less than this, of each
-    package in turn, for so long. A package that was tried less comes first.
-    """
+def run(work: Path, packages: Sequence[str], seconds: float) -> None:
+    """Try what has not been tried yet of these packages, group by group, for so long."""
+    work.mkdir(parents=True, exist_ok=True)
     begin(work)
-    known, tree, end = (
-        json.loads((work / "cover.json").read_text()),
-        work / "tree",
-        time.monotonic() + seconds,
-    )
-    before = [row for package in packages for row in rows_of(work, package)]
-    done = {
-        tuple(row["mutant"])
-        for row in before
-        if row["outcome"] == "noticed" or row.get("most_s", MOST_S) >= most_s
-    }
+    tree = copied(work)
+    enter(work)
+    end = time.monotonic() + seconds
+    for group in GROUPS:
+        left = {}
+        for package in filter(packages.__contains__, group):
+            rows = kept(package)
+            new = [mutant for mutant in sample(tree, package) if mutant.identity not in rows]
+            if new:
+                left[package] = new
+        if not left:
+            continue
+        tests = [test for name in left for test in PACKAGES[name].tests]
+        tests = [test for test in dict.fromkeys(tests) if Path(test).exists()]
+        in_a_fork(lambda tests=tests: cover(work, tests, end))  # type: ignore[misc]
+        if time.monotonic() > end:
+            break
+        if not try_each(work, left, tests, end):
+            break
+    else:
+        print("all are tried")
+        return
+    print("the time is over; the same command continues")
+
+
+def in_a_fork(act: Callable[[], None]) -> None:
+    """Call this in a process that may import the project; this one may not. A signal that ends this
+    one ends it, too.
+    """
+    sys.stdout.flush()
+    pid = os.fork()
+    if not pid:
+        status = 1
+        try:
+            act()
+            status = 0
+        finally:
+            sys.stdout.flush()
+            os._exit(status)
+    try:
+        _, status = os.waitpid(pid, 0)
+    except BaseException:
+        os.kill(pid, signal.SIGTERM)
+        os.waitpid(pid, 0)
+        raise
+    if status:
+        sys.exit("not all tests were measured")
+
+
+def try_each(
+    work: Path, left: Mapping[str, Sequence[Mutant]], tests: Sequence[str], end: float
+) -> bool:
+    """Try these in turn, and keep each outcome; whether there was time for all."""
+    known = {package: covered(work, PACKAGES[package].tests) for package in left}
+    took = {test: cost for some in known.values() for test, cost in some["took"].items()}
+    rows = {package: kept(package) for package in left}
+    before = {package: kept_at("HEAD", package) for package in left}
     noticed: dict[str, Counter[str]] = defaultdict(Counter)
-    for row in before:
-        noticed[row["mutant"][0]][row["by"]] += 1
-    scope = scope_of(work)
-    samples = {package: sample(tree, scope, package) for package in packages}
-    enter(work)
-    with Trial(work, known, scope.tests) as trial:
-        for package, one in in_turn(samples):
-            if one in done:
-                continue
+    for some in [*before.values(), *rows.values()]:
+        for (file, *_), (_, test) in some.items():
+            noticed[file][test] += 1
+    with Trial(work, took, tests) as trial:
+        for package, mutant in in_turn(left):
             if time.monotonic() > end:
-                break
-            outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]], most_s))
-            noticed[one[0]][outcome["by"]] += 1
-            add_row(work / f"{package}.jsonl", {"mutant": one, "most_s": most_s, **outcome})
-            print(
-                *(outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"]),
-                flush=True,
-            )
-
-
-def again(work: Path, package: str, words: Sequence[str]) -> None:
-    """Try those that survived with tests as they are in the repository by now; what notices one is
-    written to its row.
-    """
-    begin(work)
-    tree, rows = work / "tree", rows_of(work, package)
-    for path in [*(HERE / "tests/support").rglob("*.py"), *(HERE / word for word in words)]:
-        shutil.copy2(path, tree / path.relative_to(HERE))
-    enter(work)
-    with Trial(work, {"took": {}}, words) as trial:
-        for row in rows:
-            if row["outcome"] != "noticed" and not row.get("since"):
-                row["since"] = trial.outcome(tuple(row["mutant"]), words)["by"]
-                print(row["mutant"], row["since"], flush=True)
-    (work / f"{package}.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+                return False
+            _, first = before[package].get(mutant.identity, ("", ""))
+            chosen = covering(known[package], work / "tree", mutant, noticed[mutant.file], first)
+            outcome, test = trial.outcome(mutant, chosen)
+            noticed[mutant.file][test] += 1
+            rows[package][mutant.identity] = (outcome, test)
+            keep(package, rows[package])
+            print(outcome, *mutant.identity, test, flush=True)
+    return True
 
 
 # -- the score -------------------------------------------------------------------------------------
@@ -1152,56 +1148,71 @@ def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def report(work: Path) -> None:
+def report(packages: Sequence[str], revision: str) -> bool:
+    """Print the scores, and each mutant whose outcome is another than at this revision; whether all
+    that were noticed there and exist are still noticed.
+    """
     print(
-        "package: mutants, sample, tried, noticed, survived, not covered; share that was noticed,"
-        " with its 95 % interval"
+        "| package | mutants | to try | tried | noticed | survived | line not run | noticed, 95 % |"
     )
-    scope, tree = scope_of(work), work / "tree"
-    for package in scope.packages:
-        rows = rows_of(work, package)
-        count = Counter(row["outcome"] for row in rows)
-        low, high = wilson(count["noticed"], len(rows))
-        share = f"{count['noticed'] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "-"
-        found = ", ".join(str(count[word]) for word in ("noticed", "survived", "not covered"))
-        print(
-            f"{package}: {len(mutants_of(tree, scope, package))},"
-            f" {len(sample(tree, scope, package))},"
-            f" {len(rows)}, {found}; {share}"
-        )
-        for row in rows:
-            if row["outcome"] != "noticed":
-                name, line, word, *_ = row["mutant"]
-                print(
-                    f"    {row['outcome']}: {name}:{line} {word}:"
-                    f" {(tree / name).read_text().splitlines()[line - 1].strip()}"
-                )
+    print("|---|---|---|---|---|---|---|---|")
+    lost = 0
+    changed: list[str] = []
+    for package in packages:
+        mutants = everything(HERE, package)
+        there = {mutant.identity for mutant in mutants}
+        rows = {identity: row for identity, row in kept(package).items() if identity in there}
+        count = Counter(outcome for outcome, _ in rows.values())
+        low, high = wilson(count[NOTICED], len(rows))
+        share = f"{count[NOTICED] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "–"
+        figures = [len(mutants), len(mutants[: PACKAGES[package].most]), len(rows)]
+        figures += [count[NOTICED], count[SURVIVED], count[NOT_RUN]]
+        print("|", " | ".join(map(str, [package, *figures, share])), "|")
+        told, worse = compared(kept_at(revision, package), rows, there)
+        if told:
+            changed += [f"{package}, since {revision}:", *told]
+        lost += worse
+    print(*changed, sep="\n")
+    return not lost
+
+
+def compared(before: Rows, now: Rows, there: Set[Identity]) -> tuple[list[str], int]:
+    """What to say of those tried both times, and of those that are not there any more; how many
+    survive now that were noticed before.
+    """
+    lost, gained = [], []
+    for identity in sorted(before.keys() & now.keys()):
+        name = " ".join(identity)
+        (was, by), (outcome, by_now) = before[identity], now[identity]
+        if was == NOTICED and outcome != NOTICED:
+            lost.append(f"    {outcome}: {name}, was noticed by {by}")
+        if was != NOTICED and outcome == NOTICED:
+            gained.append(f"    noticed: {name}, by {by_now}; was {was}")
+    gone = [f"    no longer there: {' '.join(identity)}" for identity in before.keys() - there]
+    return [*lost, *gained, *sorted(gone)], len(lost)
 
 
 def main() -> None:
+    words = argparse.ArgumentParser(prog=".ci/mutants", description="mutants of the code")
+    words.add_argument("--package", action="append", choices=PACKAGES, help="this one; again: more")
+    words.add_argument("--seconds", type=float, default=math.inf, help="no new mutant after that")
+    words.add_argument("--again", choices=["survivors", "all"], help="what to try once more")
+    words.add_argument("--report", action="store_true", help="print the scores and what changed")
+    words.add_argument("--against", default="HEAD", help="the revision to compare with")
+    words.add_argument(
+        "--work", type=Path, default=HERE / "build/mutants", help="folder of the copy"
+    )
+    given = words.parse_args()
+    packages = given.package or list(PACKAGES)
+    if given.report:
+        sys.exit(not report(packages, given.against))
+    for package in packages if given.again else ():
+        forget(package, given.again)
     end_when_asked()
     try:
-        act()
+        run(given.work.resolve(), packages, given.seconds)
     except KeyboardInterrupt as signalled:
-        sys.exit(f"ended by {signalled}; the same command goes on")
-
-
-def act() -> None:
-    match sys.argv[1:]:
-        case ["cover", work]:
-            cover(Path(work).resolve())
-        case ["cover", work, scope]:
-            cover(Path(work).resolve(), scope)
-        case ["cover", work, scope, repository]:
-            cover(Path(work).resolve(), scope, Path(repository).resolve())
-        case ["run", work, packages, seconds, *most]:
-            run(Path(work).resolve(), packages.split(","), float(seconds), *map(float, most))
-        case ["again", work, package, *words]:
-            again(Path(work).resolve(), package, words)
-        case ["report", work]:
-            report(Path(work).resolve())
-        case _:
-            sys.exit(__doc__)
+        sys.exit(f"ended by {signalled}; the same command continues")
 
 
 if __name__ == "__main__":

@@ -26,16 +26,20 @@ from typing import get_args
 
 import pandas as pd
 
-from jbclog.config.sim_spec import FaultKind
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.sim.faults import OF_OMEGA
-from jbclog.sim.omega import KINDS as KINDS_OF_OMEGA
 from support import program
 from support.command import recipe_text
 from support.faults.guarded import guard_of
 from support.links.flooders import Flooded, Flooders
 from support.oracles.invariants import Ended, violations
+from support.product import (
+    OMEGA_FAULT_KINDS,
+    OMEGA_FAULTS,
+    FaultKind,
+    Manifest,
+    check_run,
+    names_of_open_run,
+    read_manifest,
+)
 from support.virtual.lines import fault
 from support.virtual.tapped_sim import TappedSim, heard_in
 
@@ -114,7 +118,7 @@ RECIPE_OF = {"jtse": "air", "omega": "omega"}
 READER = """
 import sys, time, warnings
 from pathlib import Path
-from jbclog.analysis.run import open_run
+from jbclog import open_run
 
 warnings.simplefilter("error")
 folder, every_s, seen, looks = Path(sys.argv[1]), float(sys.argv[2]), {}, 0
@@ -162,7 +166,7 @@ def kinds_of(family: str) -> list[str]:
     return [
         kind
         for kind in known
-        if (kind in KINDS_OF_OMEGA if family == "omega" else kind not in OF_OMEGA)
+        if (kind in OMEGA_FAULT_KINDS if family == "omega" else kind not in OMEGA_FAULTS)
     ]
 
 
@@ -411,7 +415,7 @@ class Soak:
         self._release()
 
     def _has_begun(self) -> bool:
-        return self.out.is_dir() and any(self.out.glob("*/live.sqlite"))
+        return self.out.is_dir() and any(map(names_of_open_run, self.out.glob("*/")))
 
     def _step(self, recorder: subprocess.Popen[str]) -> None:
         recorder.send_signal(signal.SIGUSR1)
@@ -482,7 +486,7 @@ class Soak:
         zero = {name: heard[0].at for name, heard in wires.items()}
         found = violations(self.folder, wires, ended=Ended(self.code or 0, self.said), as_sent=True)
         found += [f"exit code {self.code}: {self.said[-1000:]}"] if self.code not in (0, 1) else []
-        found += check(self.folder) and ["`check` finds something"]
+        found += check_run(self.folder) and ["`check` finds something"]
         return [*found, *self.hot(), *self._false_events(zero), *self._not_flat()]
 
     def hot(self) -> Iterator[str]:

@@ -16,18 +16,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from random import Random
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import text_of
-from jbclog.core.rows import StationFacts
-from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.run.context import StationTask
-from jbclog.sim.soldering import questions
-from jbclog.transport.virtual import Peer
 from support.links.noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, NoisyWire, Tape
 from support.oracles.account import assert_account_holds, counted
 from support.oracles.believed import judge_rows
 from support.oracles.invariants import violations_of
 from support.oracles.listed_writes import strange_writes
+from support.product import FAMILIES, Family, Peer, StationFacts, StationTask, Steps, text_of
+from support.product import sim_questions as questions
 from support.virtual.lines import AIR
 from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, prepare
 

@@ -9,16 +9,19 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from jbclog.config.line import parse_line
-from jbclog.core.clock import VirtualClock
-from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import Value
-from jbclog.protocol.client.interface import Client
-from jbclog.protocol.client.make import client_for
-from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.sim.setup import virtual_station
 from support.clients.talk import in_turn
+from support.product import (
+    FAMILIES,
+    Client,
+    Command,
+    Scope,
+    Steps,
+    Value,
+    VirtualClock,
+    client_for,
+    parse_line,
+    virtual_station,
+)
 
 T = TypeVar("T")
 Place = tuple[Command, int | None, int | None]

@@ -8,15 +8,21 @@ from collections.abc import Iterator
 from functools import cache
 from itertools import combinations
 
-from jbclog.core.errors import StationError
-from jbclog.core.io_requests import IoResult
-from jbclog.core.quantities import Value
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.interface import Client, PreparedRead
-from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.command import Command
-from jbclog.protocol.frame import Frame, FrameReader
+from support.product import (
+    Client,
+    Command,
+    Frame,
+    FrameReader,
+    IoResult,
+    LineFormat,
+    OmegaStation,
+    PreparedRead,
+    Station,
+    StationError,
+    Value,
+    pull,
+    send,
+)
 
 LINE = LineFormat()
 
@@ -39,9 +45,9 @@ def taken_by_omega(command: Command, wire: bytes) -> Value | None:
 
 def _first_taken(client: Client, question: PreparedRead, wire: bytes) -> Value | None:
     asking = client.ask(question)
-    next(asking)
+    pull(asking)
     try:
-        asking.send(IoResult(0.02, wire, 0.0))
+        send(asking, IoResult(0.02, wire, 0.0))
     except StopIteration as done:
         return done.value  # type: ignore[no-any-return]  # what a generator returns
     except StationError:

@@ -8,17 +8,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jbclog.config.line import parse_line
-from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, Wait
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.safety.tools import SafetyTask, ToolSafety
-from jbclog.sim.hotair import AirModel
-from jbclog.sim.port import WORKING as AT_WORK
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.virtual import Peer
+from support.product import (
+    FAMILIES,
+    SIM_WORKING,
+    AirModel,
+    Ask,
+    IoResult,
+    LineFormat,
+    LinkError,
+    Listen,
+    Peer,
+    Reopen,
+    Request,
+    SafetyTask,
+    Station,
+    Steps,
+    ToolSafety,
+    VirtualStation,
+    Wait,
+    parse_line,
+    pull,
+    send,
+    throw,
+)
 
 ASKED_AT = 100.0
 
@@ -38,7 +50,7 @@ def station(family: str = "dde", tools: tuple[int, ...] = (1, 2), sim: str = "")
         return made
     for port in made.plant.ports.values():
         if port.tool:
-            port.order(AT_WORK, False)
+            port.order(SIM_WORKING, False)
     made.advance_to(ASKED_AT)
     return made
 
@@ -78,14 +90,14 @@ class Cable:
     def pull(self, steps: Steps[None]) -> None:
         """Do as a driver does until they are over."""
         try:
-            request = next(steps)
+            request = pull(steps)
             while True:
                 try:
                     heard = self._do(request)
                 except LinkError as error:
-                    request = steps.throw(error)
+                    request = throw(steps, error)
                 else:
-                    request = steps.send(heard)
+                    request = send(steps, heard)
         except StopIteration:
             return
 
@@ -165,8 +177,8 @@ def task(
     client.turnaround_s = 0.002  # it has been spoken to before
     made = FAMILIES[family]
 
-    def prove() -> Steps[bool]:
-        return made.proves(str((yield from client.read(made.commands["model"]))))
+    async def prove() -> bool:
+        return made.proves(str(await client.read(made.commands["model"])))
 
     tools = [ToolSafety(port, suction) for port in ports]
     return SafetyTask(client, made, wanted, tools, feeds, prove, is_proven=is_proven, spare=spare)

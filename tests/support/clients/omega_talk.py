@@ -10,11 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from jbclog.core.clock import VirtualClock
-from jbclog.core.io_requests import Steps
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.omega import OmegaStation
 from support.clients.talk import in_turn
+from support.product import LineFormat, OmegaStation, Steps, VirtualClock
 
 T = TypeVar("T")
 Answer = str | bytes | tuple[float, str | bytes]

@@ -11,15 +11,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import StationError
-from jbclog.core.io_requests import Reopen, Steps
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.interface import Client
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.command import Command
-from jbclog.transport.virtual import Peer, VirtualDriver
 from support.golden.form import with_check_byte
+from support.product import (
+    Client,
+    Command,
+    LineFormat,
+    Peer,
+    Reopen,
+    Station,
+    StationError,
+    Steps,
+    VirtualClock,
+    VirtualDriver,
+    do,
+)
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Client)
@@ -74,10 +79,10 @@ def in_turn(
     """
     outcome: list[T] = []
 
-    def steps() -> Steps[None]:
-        client.unasked((yield Reopen()))
+    async def steps() -> None:
+        client.unasked(await do(Reopen()))
         for ask in asks:
-            outcome.append((yield from ask(client)))
+            outcome.append(await ask(client))
 
     driver = VirtualDriver(clock)
     driver.add(steps(), end)
@@ -120,11 +125,11 @@ class Talk:
         return answers
 
 
-def sought(station: Station, model: Command) -> Steps[None]:
+async def sought(station: Station, model: Command) -> None:
     """What a session does with a silent station: its model is read before anything else."""
     for _ in range(20):
         try:
-            yield from station.read(model)
+            await station.read(model)
         except StationError:
             continue
         return

@@ -7,21 +7,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
-from jbclog.core.quantities import (
+from support.product import (
     HIGHEST_C,
     OFF,
     OFF_ON_WIRE,
     AlarmDelay,
     AlarmLimit,
+    Command,
+    Family,
     Flags,
     HexLength,
     Number,
     Quantity,
+    Scope,
     Text,
     Value,
 )
-from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.family import Family
 
 NAMES = ("  DDE", "  DDR", " JTSE", "UCR245", "UCR470", "UCR24", "1.00a")
 LONG_HEX = ("186A0", "FFFFF", "100000", "FFFFFFFF")

@@ -12,12 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
-from jbclog.core.quantities import Value
-from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import FAMILIES, OMEGA
-from jbclog.protocol.omega import OmegaReader
-from jbclog.sim.soldering import questions
 from support.clients.corrupted import flipped, taken_by_omega, taken_of_two_bits
+from support.product import FAMILIES, OMEGA_PROTOCOL, Command, OmegaReader, Value, sim_questions
 from support.virtual.lines import AIR
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -65,7 +61,7 @@ class Bench:
 
     @property
     def is_omega(self) -> bool:
-        return FAMILIES[self.family].protocol == OMEGA
+        return FAMILIES[self.family].protocol == OMEGA_PROTOCOL
 
     def prepare(self) -> VirtualRun:
         line = line_text(self.sim, self.keys).replace("dde", self.family)
@@ -96,9 +92,9 @@ def corruptions(family: str, question: str, answer: bytes) -> list[tuple[bytes, 
     """Every corruption of two bits that passes for an answer to ``question`` (``RTT1``, ``C0065``)
     and says something else.
     """
-    if FAMILIES[family].protocol == OMEGA:
+    if FAMILIES[family].protocol == OMEGA_PROTOCOL:
         return _of_omega(family, question, answer)
-    asked = questions(family, (1,))[question]
+    asked = sim_questions(family, (1,))[question]
     right = asked.command.quantity.decode(answer[5 + len(question) : -2].decode("ascii"))
     found = taken_of_two_bits(asked.command, asked.port, asked.tool, answer)
     return [(sent, value) for sent, value in found if value != right]
@@ -194,7 +190,7 @@ def decided(run: VirtualRun) -> dict[str, object]:
         "counters": [one[2:] for one in run.memory.counters],
         "writes": [one.text for one in run.writes],
         "outcome": (run.facts.outcome, run.facts.reason),
-        "tools": run.facts.tools,
+        "tool_names": run.facts.tool_names,
         "model": (run.facts.model, run.facts.software),
         "safe": run.facts.safe_state,
         "alarms": run.facts.alarms,

@@ -21,7 +21,6 @@ from pathlib import Path
 from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.journal import entries_in
 from jbclog.app.batch.state import RECORDED, BatchState, State, batch_state
-from jbclog.app.batch.store import BatchStore
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest
@@ -65,7 +64,7 @@ class Trial:
         ]
 
     def state(self) -> BatchState:
-        return batch_state(entries_in(BatchStore(self.journal)))
+        return batch_state(entries_in(self.journal))
 
     def runs(self) -> list[str]:
         """How each attempt came out."""
@@ -179,7 +178,7 @@ def faults(trial: Trial) -> list[str]:
 def _overlaps(runs: list[Found]) -> list[str]:
     """Runs that had a station at the same time, by their manifests."""
     spans = sorted(
-        (run.started, _end(run), run.stations, run.folder.name) for run in runs if run.started
+        (run.start, _end(run), run.stations, run.folder.name) for run in runs if run.start
     )
     return [
         f"{first[3]} and {second[3]} had {set(first[2]) & set(second[2])} at the same time"
@@ -190,4 +189,4 @@ def _overlaps(runs: list[Found]) -> list[str]:
 
 
 def _end(run: Found) -> str:
-    return read_manifest(run.folder).ended or run.started or ""
+    return read_manifest(run.folder).stop or run.start or ""

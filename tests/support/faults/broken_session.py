@@ -8,29 +8,24 @@ from __future__ import annotations
 
 import sys
 
-from jbclog.app.run import recorder
-from jbclog.cli import main
-from jbclog.core.io_requests import Steps
-from jbclog.core.rows import StationFacts
-from jbclog.session.run.context import SessionContext
-from jbclog.session.run.station_run import run_station
+from support.product import SessionContext, StationFacts, command_main, do, put, run_station
 
 WISHES = 40  # of sampling, by when it breaks
 
 
 def break_session_of(station: str) -> None:
-    def breaking(context: SessionContext) -> Steps[StationFacts]:
+    async def breaking(context: SessionContext) -> StationFacts:
         steps = run_station(context)
-        request, left = next(steps), WISHES
+        request, left = steps.send(None), WISHES
         while left or context.name != station:
-            heard = yield request
+            heard = await do(request)
             request = steps.send(heard)
-            left -= context.facts.first_tick is not None and left > 0
+            left -= context.state.facts.first_tick is not None and left > 0
         raise RuntimeError("a fault of the program")
 
-    recorder.run_station = breaking
+    put("recorder.run_station", breaking)
 
 
 if __name__ == "__main__":
     break_session_of(sys.argv.pop(1))
-    main()
+    command_main()

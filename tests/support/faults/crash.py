@@ -6,10 +6,10 @@ Run as a program, because it forks: ``python tests/support faults.crash SCENARIO
 the work ends by itself. ``... slice DIR FIRST STRIDE`` does so in every scenario, with and without
 ``--power``. ``... random DIR SEED TRIALS`` kills a recorder at random moments instead.
 
-A step is whatever reaches the disk: a sync, a rename, a removal, a new folder, an SQL statement, a
-row group. The kill is SIGKILL, just before the step. With ``--power`` a rename whose folder was not
-synced afterwards is undone, as a power cut may do. Nothing of this is in the product: the child
-patches what it calls.
+A step is whatever reaches the disk: a sync, a rename, a removal, a new folder, a row group, what
+the store of an open run does. The kill is SIGKILL, just before the step. With ``--power`` a rename
+whose folder was not synced afterwards is undone, as a power cut may do. Nothing of this is in the
+product: the child patches what it calls.
 """
 
 from __future__ import annotations
@@ -30,15 +30,17 @@ from pathlib import Path
 import pyarrow.dataset  # noqa: F401  # once, instead of in each child
 import pyarrow.parquet as pq
 
-from jbclog.core.locks import FolderLock
-from jbclog.record import store as store_module
-from jbclog.record.check import check
-from jbclog.record.conclude import conclude
-from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
-from jbclog.record.seal import seal_rows
+from support.product import (
+    before_each_write,
+    check_run,
+    conclude_run,
+    create_run,
+    open_store,
+    read_manifest,
+    recover_run,
+    seal,
+    seal_part,
+)
 from support.records import few_rows
 
 ROWS = 120
@@ -49,28 +51,28 @@ ROWS = 120
 
 def close_and_seal(folder: Path) -> None:
     """What a recorder does at the end of a run."""
-    seal_rows(folder)
-    conclude(folder, read_manifest(folder), FolderLock.take(folder))
+    seal(folder)
+    conclude_run(folder)
 
 
 def seal_a_part(folder: Path) -> None:
     """What its child does each hour."""
-    seal_rows(folder, part=True)
+    seal_part(folder)
 
 
 def recover_it(folder: Path) -> None:
     """What a person does after a crash."""
-    recover(folder)
+    recover_run(folder)
 
 
 def record(folder: Path) -> None:
     """Some seconds of a recorder's life; each commit that is acknowledged is told in a file."""
-    store = LiveStore(folder, seal_every_s=None)
+    store = open_store(folder, seal_every_s=None)
     store.start()
-    for first in range(0, ROWS, 40):
-        few_rows.hand_over(store, range(first, first + 40))
+    for first in range(0, ROWS, 10):
+        few_rows.hand_over(store, range(first, first + 10))
         store.commit_now()
-        acknowledge(folder, first + 40)
+        acknowledge(folder, first + 10)
     store.close()
     store.release()
 
@@ -123,12 +125,7 @@ class Steps:
             file.write(json.dumps([str(word) for word in words]) + "\n")
 
     def arm(self) -> None:
-        fsync, replace, connect, write_table = (
-            os.fsync,
-            os.replace,
-            store_module._connect,
-            pq.ParquetWriter.write_table,
-        )
+        fsync, replace, write_table = os.fsync, os.replace, pq.ParquetWriter.write_table
 
         def syncing(descriptor: int) -> None:
             self.step()
@@ -143,17 +140,12 @@ class Steps:
             replace(old, new)
             self.note("renamed", new, before)
 
-        def connecting(path: Path) -> object:
-            connection = connect(path)
-            connection.set_trace_callback(lambda statement: self.step())
-            return connection
-
         def writing(writer: pq.ParquetWriter, *arguments: object, **more: object) -> None:
             self.step()
             write_table(writer, *arguments, **more)
 
         os.fsync, os.replace = syncing, replacing
-        store_module._connect = connecting  # type: ignore[assignment]  # the same but for its last word
+        before_each_write(self.step)
         pq.ParquetWriter.write_table = writing
         for name in ("unlink", "mkdir"):
             setattr(os, name, self.before(getattr(os, name)))
@@ -203,9 +195,9 @@ def in_child(work: Callable[[], object]) -> tuple[int, object]:
 
 def aftermath(folder: Path) -> dict[str, object]:
     """Recover the folder, twice, and say what is in it then."""
-    recover(folder, 20.0)
+    recover_run(folder, 20.0)
     first = contents(folder)
-    recover(folder)
+    recover_run(folder)
     manifest = read_manifest(folder)
     told = folder.with_name("acknowledged")
     return {
@@ -214,7 +206,7 @@ def aftermath(folder: Path) -> dict[str, object]:
         ),
         "numbers": few_rows.sealed_numbers(folder),
         "events": few_rows.sealed_events(folder),
-        "findings": [str(finding) for finding in check(folder)],
+        "findings": [str(finding) for finding in check_run(folder)],
         "twice the same": contents(folder) == first,
         "exit status": manifest.exit_status,
         "lost": None if manifest.lost is None else manifest.lost.seconds_at_most,
@@ -297,7 +289,7 @@ def kill_at_random(home: Path, seed: int, trials: int) -> None:
 
 def record_for_ever(out: Path, chance: float) -> None:
     """Record as fast as commits go, sealing a part now and then, until the kill comes."""
-    store = LiveStore(create_run(out, "bench", 0.0), seal_every_s=None)
+    store = open_store(create_run(out, "bench", 0.0), seal_every_s=None)
     store.start()
     rng = random.Random(chance)
     number = 0

@@ -20,26 +20,35 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.app.run import run_record
-from jbclog.app.run.plan import Plan
-from jbclog.app.run.run_record import Result, RunRecord
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import RecordError
-from jbclog.core.locks import FolderLock
-from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
-from jbclog.protocol.commands.status import STAND
-from jbclog.record.conclude import NOT_KEPT
-from jbclog.record.live import COMMIT_S, LiveStore
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
-from jbclog.record.seal import seal_rows
-from jbclog.session.run.station_run import run_station
-from jbclog.sim.setup import virtual_station
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.virtual import VirtualDriver
 from support.faults.crash import contents, in_child
 from support.faults.killed_run import sealed_rows
 from support.oracles.invariants import Wires, violations
+from support.product import (
+    COLUMN,
+    COMMIT_EVERY_S,
+    NOT_KEPT,
+    STAND,
+    CounterRow,
+    EventRow,
+    FolderLock,
+    RecordError,
+    RunPlan,
+    RunRecord,
+    RunResult,
+    RunStore,
+    SampleRow,
+    SettingRow,
+    StationFacts,
+    VirtualClock,
+    VirtualDriver,
+    VirtualStation,
+    put,
+    read_manifest,
+    recover_run,
+    run_station,
+    seal,
+    virtual_station,
+)
 from support.virtual.recorded_run import Nobody, plan_in
 from support.virtual.virtual_run import Memory, Tap, line_text
 
@@ -69,7 +78,7 @@ class Disk:
 class Both:
     """A journal that gives everything to the record and keeps it in memory too."""
 
-    def __init__(self, store: LiveStore, memory: Memory) -> None:
+    def __init__(self, store: RunStore, memory: Memory) -> None:
         self._to = (store, memory)
 
     def sample(self, row: SampleRow) -> None:
@@ -99,13 +108,13 @@ class Trial:
     makes them by the real one.
     """
 
-    plan: Plan
+    plan: RunPlan
     out: Path
     heard: Wires
     memory: Memory
     safe: bool = True
     folder: Path | None = None
-    result: Result | None = None
+    result: RunResult | None = None
     acknowledged: int = 0  # rows of samples
 
     def go(self, *, ends: bool = True) -> None:
@@ -116,7 +125,7 @@ class Trial:
         papers = RunRecord(self.plan, self.out, Nobody(), clock, failures.append, seal_every_s=None)
         self.folder = papers.folder
         for context in papers.contexts:
-            context.journal = Both(papers._store, self.memory)
+            context.log.journal = Both(papers._store, self.memory)
         driver = VirtualDriver(clock)
         papers.begin()
         stations = [
@@ -134,9 +143,9 @@ class Trial:
                 self.acknowledged = handed
             if failures:
                 driver.end(f"the record cannot be kept: {failures[0]}")
-            driver.at(clock.monotonic() + COMMIT_S, commit)
+            driver.at(clock.monotonic() + COMMIT_EVERY_S, commit)
 
-        driver.at(clock.monotonic() + COMMIT_S, commit)
+        driver.at(clock.monotonic() + COMMIT_EVERY_S, commit)
         driver.run()
         self.safe = all(
             _is_safe(station) for station in stations if isinstance(station, VirtualStation)
@@ -189,9 +198,9 @@ def _after(one: Trial, code: int | None) -> list[str]:
     before = read_manifest(one.folder) if (one.folder / "manifest.json").exists() else None
     was_sealed = before is not None and before.state == "sealed"
     try:
-        recover(one.folder)
+        recover_run(one.folder)
         first = contents(one.folder)
-        recover(one.folder)
+        recover_run(one.folder)
     except RecordError as failure:
         return [f"not recovered: {failure}"]
     wrong = [] if contents(one.folder) == first else ["recovered twice is not recovered once"]
@@ -205,7 +214,7 @@ def _account(one: Trial, code: int | None, *, was_sealed: bool) -> list[str]:
     """
     assert one.folder is not None
     sealed, manifest = sealed_rows(one.folder), read_manifest(one.folder)
-    samples = [list(row) for row in sealed["samples"]]
+    samples = [list(row[1:]) for row in sealed["samples"]]  # without `seq`
     handed = [list(row) for row in one.memory.samples]
     wrong = []
     if [row for row in samples if row not in handed]:
@@ -255,16 +264,16 @@ def failing_recovery(disk: Disk, home: Path, nth: int, error: int, again: int) -
     disk.fail(folder, nth, error, again)
     wrong, told = [], ""
     try:
-        recover(folder)
+        recover_run(folder)
     except RecordError as failure:
         told = str(failure)
     except Exception as failure:
         wrong = [f"I9: {type(failure).__name__}: {failure}"]
     count, fired = disk.heal()
     try:
-        recover(folder)
+        recover_run(folder)
         first = contents(folder)
-        recover(folder)
+        recover_run(folder)
         wrong += [] if contents(folder) == first else ["recovered twice is not recovered once"]
         rows = json.loads(json.dumps(sealed_rows(folder)))
         wrong += [f"{table} is not what it was" for table in rows if rows[table] != expected[table]]
@@ -280,7 +289,7 @@ def cut_off(home: Path) -> None:
     one.go(ends=False)
     assert one.folder is not None
     copy = Path(shutil.copytree(one.folder, home / "copy" / one.folder.name))
-    recover(copy)
+    recover_run(copy)
     (home / "expected.json").write_text(json.dumps(sealed_rows(copy)))
     shutil.rmtree(copy.parent)
 
@@ -297,8 +306,8 @@ def main() -> None:
     )
     first, stride = int(sys.argv[5]), int(sys.argv[6])
     disk = Disk()
-    run_record.seal_in_child = _seal  # a child process would take a second for it
-    LiveStore._write_loop = lambda self: None  # type: ignore[method-assign]  # the virtual clock commits
+    put("run_record.seal_in_child", _seal)  # a child process would take a second for it
+    put("RunStore._write_loop", lambda self: None)  # the virtual clock commits
     if scenario == "recover":
         (home / "base").mkdir()
         in_child(lambda: cut_off(home / "base"))
@@ -324,7 +333,7 @@ def main() -> None:
 
 
 def _seal(folder: Path, _lock: FolderLock) -> None:
-    seal_rows(folder)
+    seal(folder)
 
 
 if __name__ == "__main__":

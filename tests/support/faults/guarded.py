@@ -15,15 +15,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.guard.action_log import NAME as ACTION_LOG
 from support.command import started, until
+from support.product import ACTION_LOG_FILE, GUARD_PROCESS
 from support.virtual.served_line import ServedLine
 
 TOOLS = 6  # of a served line
 TOLD_S = 5.0  # by then every tool has been made safe (docs/reference/faults.md, S-3)
 # what was written just before may still be under way to a station on a busy machine
 ON_THE_WIRE_S = 0.5
-GUARD = b"jbclog.guard"
+GUARD = GUARD_PROCESS
 
 
 def begun(line: ServedLine, out: Path, *more: str) -> subprocess.Popen[str]:
@@ -68,7 +68,7 @@ def events(folder: Path) -> list[str]:
 
 def actions_in(folder: Path) -> list[tuple[str, str, int | None, str]]:
     """Kind, severity, port and text of what the guard of this run wrote down; none without it."""
-    log = folder / ACTION_LOG
+    log = folder / ACTION_LOG_FILE
     lines = log.read_text().splitlines() if log.exists() else ()
     rows = (json.loads(line) for line in lines if line)
     return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
@@ -163,7 +163,7 @@ def guard_process(folder: Path) -> subprocess.Popen[bytes]:
         sys.executable,
         "-P",
         "-m",
-        "jbclog.guard",
+        GUARD_PROCESS.decode(),
         str(folder),
         "--recorder",
         str(os.getpid()),

@@ -75,7 +75,7 @@ def steers(text: str) -> list[str]:
 
 
 # files that a report writes beside its page
-BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")
+BESIDE = ("tables/joints.csv", "tables/metrics.csv", "derived/joints.parquet")
 
 
 class Acting(HTMLParser):

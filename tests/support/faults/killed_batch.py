@@ -1,8 +1,8 @@
 """`jbclog batch`, killed with SIGKILL at a chosen step: ``python tests/support faults.killed_batch
 STEP batch ...``.
 
-A step is what the executor leaves behind or does to others: a statement of a transaction, a sync, a
-new folder, a rename, a process; it can be killed before each and after it. Nothing of this is in
+A step is what the executor leaves behind or does to others: a write, a sync, a new folder, a
+rename, a process; it can be killed before each and after it. Nothing of this is in
 the product, and the jobs, which are processes of their own, do not know of it.
 """
 
@@ -10,14 +10,11 @@ from __future__ import annotations
 
 import os
 import signal
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
-
-from jbclog.core.database import Database
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -44,16 +41,8 @@ class Steps:
         if self._done == self._fatal:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    def _in_transaction(
-        self, execute: Callable[..., sqlite3.Cursor]
-    ) -> Callable[..., sqlite3.Cursor]:
-        counting = self.counted(execute)
-        return lambda db, sql, *values: (
-            execute if sql.startswith(("SELECT", "PRAGMA")) else counting
-        )(db, sql, *values)
-
     def arm(self) -> None:
-        Database.execute = self._in_transaction(Database.execute)  # type: ignore[method-assign]
+        os.pwrite = self.counted(os.pwrite)
         os.fsync = self.counted(os.fsync)
         for name in ("mkdir", "replace"):
             setattr(Path, name, self.counted(getattr(Path, name)))

@@ -8,16 +8,14 @@ whatever reaches the disk, as in `crash.Steps`. It tells the moment of its death
 
 from __future__ import annotations
 
-import json
 import shutil
 import signal
-import sqlite3
 import struct
 import subprocess
 import sys
 import time
+import zlib
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,9 +27,8 @@ from support.faults.guarded import TOLD_S
 from support.virtual.served_line import ServedLine
 
 TABLES = ("samples", "events", "settings", "counters")
-THROUGH = b"jbclog.through"
 Rows = dict[str, list[tuple[object, ...]]]
-"""By table, in the order of writing."""
+"""By table, in the order of `seq`."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +76,8 @@ def folders(out: Path) -> set[Path]:
 
 @dataclass(frozen=True)
 class Keepsake:
-    """What the folder of a killed run held: rows that were committed, and the number of the last
-    batch acknowledged.
+    """What the folder of a killed run held: rows of whole commits, and the number of the last
+    commit that was marked.
     """
 
     rows: Rows
@@ -89,75 +86,113 @@ class Keepsake:
 
 
 def keepsake(folder: Path, aside: Path) -> Keepsake:
-    """Of a copy of `folder` that is made below `aside`: opening a database changes it."""
+    """Of a copy of `folder` that is made below `aside`."""
     copy = Path(
         shutil.copytree(folder, aside / folder.name, ignore=shutil.ignore_patterns("guard.lock"))
     )
-    acknowledged = _acknowledged(copy)
-    batches: dict[int, tuple[str, pa.Table]] = {}
-    for path in copy.glob("live*.sqlite"):
-        batches |= dict(_batches(path))
-    rows, sealed = {}, 0
-    for table in TABLES:
-        parts = sorted((copy / table).glob("part-*.parquet"))
-        through = int(pq.read_metadata(parts[-1]).metadata[THROUGH]) if parts else 0
-        mine = [
-            batches[number][1]
-            for number in sorted(batches)
-            if batches[number][0] == table and number > through
-        ]
-        rows[table] = [row for one in [*map(pq.read_table, parts), *mine] for row in tuples(one)]
-        sealed = max(sealed, through)
-    missing = [number for number in range(sealed + 1, acknowledged + 1) if number not in batches]
+    rows = {table: {row[0]: row for row in _rows_of_parts(copy, table)} for table in TABLES}
+    commits: set[int] = set()
+    acknowledged = 0
+    for path in sorted(copy.glob("live-*.journal")):
+        schemas: dict[int, pa.Schema] = {}
+        for number, frames in _commits(path.read_bytes()):
+            acknowledged = max(acknowledged, 0 if frames else number)
+            commits |= {number} if frames else set()
+            for frame in frames:
+                if frame.kind == SCHEMA:
+                    schemas[frame.table] = pa.ipc.read_schema(pa.py_buffer(frame.payload))
+                elif frame.kind == ROWS:
+                    schema = schemas[frame.table]
+                    table = schema.metadata[b"table"].decode()
+                    for row in tuples(_table_of(frame, schema)):
+                        rows[table].setdefault(row[0], row)
     shutil.rmtree(copy)
-    return Keepsake(rows, acknowledged, missing)
+    first = min(commits, default=acknowledged + 1)
+    missing = [number for number in range(first, acknowledged + 1) if number not in commits]
+    return Keepsake(
+        {table: [rows[table][seq] for seq in sorted(rows[table])] for table in TABLES},
+        acknowledged,
+        missing,
+    )
 
 
-def _acknowledged(folder: Path) -> int:
-    try:
-        return int(json.loads((folder / "live.lock").read_text())["last"])
-    except (OSError, ValueError):
-        return 0
+FRAME = struct.Struct("<4sBBHHQQIIII")
+MARK = struct.Struct("<4sQQI")
+SCHEMA, ROWS = 1, 2
 
 
-def _batches(path: Path) -> Iterator[tuple[int, tuple[str, pa.Table]]]:
-    with closing(sqlite3.connect(path)) as store:
-        try:
-            found = store.execute("SELECT number, name, data FROM batch ORDER BY number").fetchall()
-        except sqlite3.OperationalError:  # no tables yet
+@dataclass(frozen=True)
+class _Frame:
+    kind: int
+    table: int
+    first: int
+    payload: bytes
+
+
+def _commits(data: bytes) -> Iterator[tuple[int, list[_Frame]]]:
+    """The whole commits of a segment, and its marks: without frames. A kill damages nothing but the
+    end.
+    """
+    start = 0
+    frames: list[_Frame] = []
+    while len(data) - start >= MARK.size:
+        if data[start : start + 4] == b"JBCm":
+            yield MARK.unpack_from(data, start)[1], []
+            start += MARK.size
+            continue
+        if len(data) - start < FRAME.size:
             return
-    for number, name, data in found:
-        stream = pa.Codec("zstd").decompress(
-            data[4:], decompressed_size=struct.unpack_from("<I", data)[0]
+        _, kind, table, place, count, commit, first, _, length, unpacked, crc = FRAME.unpack_from(
+            data, start
         )
-        yield number, (name, pa.ipc.open_stream(stream).read_all())
+        packed = data[start + FRAME.size : start + FRAME.size + length]
+        if zlib.crc32(packed, zlib.crc32(data[start : start + FRAME.size - 4])) != crc:
+            return
+        payload = pa.Codec("zstd").decompress(packed, decompressed_size=unpacked, asbytes=True)
+        frames = [*(frames if place else []), _Frame(kind, table, first, payload)]
+        if len(frames) == count:
+            yield commit, frames
+        start += FRAME.size + length
+
+
+def _table_of(frame: _Frame, schema: pa.Schema) -> pa.Table:
+    batch = pa.ipc.read_record_batch(pa.py_buffer(frame.payload), schema)
+    rows = pa.Table.from_batches([batch])
+    if "seq" not in rows.column_names:
+        numbers = range(frame.first, frame.first + len(rows))
+        rows = rows.add_column(0, "seq", pa.array(numbers, pa.int64()))
+    return rows
 
 
 def tuples(table: pa.Table) -> Iterator[tuple[object, ...]]:
-    """The rows of a table, times as whole microseconds."""
+    """The rows of a table without `run`, times as whole microseconds."""
     columns = [
         column.cast("int64") if pa.types.is_timestamp(column.type) else column
-        for column in table.columns
+        for name, column in zip(table.column_names, table.columns, strict=True)
+        if name != "run"
     ]
     return zip(*(column.to_pylist() for column in columns), strict=True)
 
 
 def sealed_rows(folder: Path) -> Rows:
-    return {
-        table: [
-            row
-            for path in sorted((folder / table).glob("part-*.parquet"))
-            for row in tuples(pq.read_table(path))
-        ]
-        for table in TABLES
-    }
+    return {table: sorted(_rows_of_parts(folder, table), key=_seq) for table in TABLES}
+
+
+def _rows_of_parts(folder: Path, table: str) -> Iterator[tuple[object, ...]]:
+    for path in sorted((folder / table).glob("part-*.parquet")):
+        yield from tuples(pq.read_table(path))
+
+
+def _seq(row: tuple[object, ...]) -> int:
+    assert isinstance(row[0], int)
+    return row[0]
 
 
 def differences(kept: Keepsake, sealed: Rows) -> list[str]:
     """What of the record is not what was kept when it was killed; a guard's diary comes behind the
     events.
     """
-    found = [f"I3: batches {kept.missing} were acknowledged and are gone"] if kept.missing else []
+    found = [f"I3: commits {kept.missing} were acknowledged and are gone"] if kept.missing else []
     for table in TABLES:
         before, after = kept.rows[table], sealed[table]
         more = len(after) - len(before)
@@ -221,7 +256,7 @@ class ToldSteps(Steps):
 def main() -> None:
     steps = ToldSteps(int(sys.argv.pop(1)), Path(sys.argv.pop(1)))
     steps.arm()
-    from jbclog.cli import main as jbclog
+    from support.product import command_main as jbclog
 
     jbclog()
 

@@ -13,9 +13,9 @@ import signal
 import sys
 import time
 
-from jbclog.core import clock
+from support.product import elapsed, put
 
-real_elapsed = clock.elapsed
+real_elapsed = elapsed
 
 
 class OddClocks:
@@ -46,14 +46,14 @@ class OddClocks:
 
 def put_in(odd: OddClocks) -> None:
     """Have all of the program go by these clocks; before any of it is imported."""
-    clock.elapsed = odd.elapsed
-    clock.SystemClock.monotonic = staticmethod(odd.elapsed)  # type: ignore[assignment]  # the same but for the hours
-    clock.SystemClock.utc = staticmethod(odd.utc)  # type: ignore[assignment]
+    put("clock.elapsed", odd.elapsed)
+    put("SystemClock.monotonic", staticmethod(odd.elapsed))  # the same but for the hours
+    put("SystemClock.utc", staticmethod(odd.utc))
     signal.signal(signal.SIGUSR1, odd.take_next)
 
 
 if __name__ == "__main__":
     put_in(OddClocks(sys.argv.pop(1)))
-    from jbclog.cli import main
+    from support.product import command_main
 
-    main()
+    command_main()

@@ -1,4 +1,4 @@
-"""Commits of a live store in which Python is refused memory at the Nth request and the next, for
+"""Commits of a journal in which Python is refused memory at the Nth request and the next, for
 each N (a process of its own).
 
 ::
@@ -14,29 +14,33 @@ from __future__ import annotations
 
 import _testcapi
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from jbclog.core.rows import StationFacts
-from jbclog.record import live
-from jbclog.record.batches import BARE, Batch
+from jbclog.core.rows import TABLES, StationFacts
+from jbclog.record import run_journal
 from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
-from jbclog.record.store import FACTS, Segment
+from jbclog.record.frames import Commit, Frame, FrameKind, read_items
+from jbclog.record.row_batches import BARE
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.segments import segments
 from support.records.few_rows import counter, event, sample, setting
 
 AT_EASE = 3  # commits in a row that met no refusal: there are no more requests than that
 
 
-def encode(number: int, table: str, values: list[object]) -> Batch:
-    return Batch(number, table, len(values) // len(BARE[table]), json.dumps(values).encode())
+def encode(table: str, values: list[object], first: int, number: int) -> Frame:
+    data = json.dumps(values).encode()
+    rows = len(values) // len(BARE[table])
+    return Frame(FrameKind.ROWS, data, len(data), number, first, rows)
 
 
 def main(out: Path, many: int, step: int) -> None:
-    live.COMMIT_S = 3600.0  # type: ignore[misc]  # the writer's thread waits; commits are made here
-    live.encode = encode  # type: ignore[assignment]
-    store = LiveStore(create_run(out, "bench", 1_790_000_000.0), seal_every_s=None)
+    run_journal.COMMIT_S = 3600.0  # type: ignore[misc]  # the writer's thread waits; commits are made here
+    run_journal.encode = encode  # type: ignore[assignment]
+    store = RunJournal(create_run(out, "bench", 1_790_000_000.0), seal_every_s=None)
     store.start()
+    store._committing.acquire()  # never the writer's thread
     met = commits = at_ease = unreported = 0
     while at_ease < AT_EASE:
         store.sample(sample(commits))
@@ -56,26 +60,41 @@ def main(out: Path, many: int, step: int) -> None:
         at_ease = at_ease + 1 if is_safe else 0
         met += not is_safe
         commits += 1
-        assert store._commit(), store.failure
+        assert store._commit(is_closing=True), store.failure
         unreported += store.failure is not None and not store._is_failure_reported
     found = {"run": store.folder.name, "commits": commits, "met": met, "unreported": unreported}
     print(json.dumps({**found, "tables": tables(store.folder), "outages": outages(store.folder)}))
 
 
+def commits_in(folder: Path) -> Iterator[Commit]:
+    for path in segments(folder):
+        with path.open("rb") as file:
+            for item in read_items(file):
+                if isinstance(item, Commit):
+                    yield item
+
+
 def tables(folder: Path) -> dict[str, list[list[object]]]:
-    segment, found = Segment.look(folder / "live.sqlite"), dict[str, list[list[object]]]()
-    for number, *_ in segment.index():
-        stored = segment.get(number)
-        assert stored is not None
-        values, width = json.loads(stored.batch.data), len(BARE[stored.batch.table])
-        found.setdefault(stored.batch.table, []).extend(
-            values[n : n + width] for n in range(0, len(values), width)
-        )
-    return found
+    """The rows of each table in the order of `seq`; a row may be there twice."""
+    rows: dict[str, dict[int, list[object]]] = {table: {} for table in TABLES}
+    for commit in commits_in(folder):
+        for frame in commit.frames:
+            if frame.kind is FrameKind.ROWS:
+                table = TABLES[frame.table]
+                values, width = json.loads(frame.packed), len(BARE[table])
+                for number in range(frame.rows):
+                    row = values[number * width : (number + 1) * width]
+                    assert rows[table].setdefault(frame.first + number, row) == row
+    return {table: [rows[table][seq] for seq in sorted(rows[table])] for table in TABLES}
 
 
 def outages(folder: Path) -> int:
-    return int(json.loads(Segment.look(folder / "live.sqlite").notes(FACTS)["a"])["outages"])
+    facts = {}
+    for commit in commits_in(folder):
+        for frame in commit.frames:
+            if frame.kind is FrameKind.FACTS:
+                facts.update(json.loads(frame.payload()))
+    return int(facts["a"]["outages"])
 
 
 def main_of(words: Sequence[str]) -> None:

@@ -17,10 +17,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease, read_leases
-from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.transport.cpu_limit import cpu_limit
+from support.product import ActionLog, LeaseWriter, StationLease, cpu_limit, read_leases
 
 PATIENCE_S = 5
 SOON_S = 0.5

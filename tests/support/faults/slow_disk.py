@@ -12,8 +12,7 @@ import os
 import sys
 import time
 
-from jbclog.cli import main
-from jbclog.record.store import StoreWriter
+from support.product import StoreWriter, command_main, put
 
 STALL_S = 1.5
 
@@ -36,10 +35,10 @@ def make_slow(seconds: float) -> None:
         wait()
         fsync(descriptor)
 
-    StoreWriter.add = adding  # type: ignore[assignment,method-assign]  # the same but for the wait
+    put("StoreWriter.add", adding)  # the same but for the wait
     os.fsync = syncing  # type: ignore[assignment]
 
 
 if __name__ == "__main__":
     make_slow(float(sys.argv.pop(1)))
-    main()
+    command_main()

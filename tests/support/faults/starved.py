@@ -17,19 +17,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.core.errors import RecordError
-from jbclog.guard import lease
-from jbclog.record.manifest import read_manifest
-from jbclog.record.recover import recover
-from jbclog.sim.port import STAND as STANDING
 from support.campaigns.awaited import INTERNAL_ERROR
 from support.command import until
 from support.faults.guarded import GUARD, TOOLS, guard_that_is_there
 from support.oracles.invariants import Ended, violations
+from support.product import LEASES_FILE, MAIN, SIM_STAND, RecordError, read_manifest, recover_run
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
 
-PROGRAM = "from jbclog.cli import main; main()"
+PROGRAM = MAIN
 RECORDER, WATCHING, TAKING_OVER = "recorder", "guard that watches", "guard that takes over"
 WORD = {RECORDER: PROGRAM, WATCHING: GUARD.decode(), TAKING_OVER: GUARD.decode()}
 ALWAYS = -1  # as `many`: from then on
@@ -99,7 +95,7 @@ class Starving:
         assert self.line.log is not None
         begin = self.line.log.stat().st_size
         for port in self.line.tools():
-            port.order(STANDING, False)
+            port.order(SIM_STAND, False)
         with self._running() as run:
             if (
                 not until(lambda: self.line.at_work() == TOOLS or run.poll() is not None, 60)
@@ -170,9 +166,9 @@ class Starving:
     def _record(self, begin: int) -> list[str]:
         """The folder recovers, its record holds, and no lease is open."""
         assert self.line.log is not None
-        until(lambda: not (self.folder / lease.NAME).exists(), SOON_S)  # a guard goes on by itself
+        until(lambda: not (self.folder / LEASES_FILE).exists(), SOON_S)  # a guard goes on by itself
         try:
-            recover(self.folder)
+            recover_run(self.folder)
         except RecordError as error:
             return [f"not recovered: {error}"]
         # which Python says by itself
@@ -188,7 +184,7 @@ class Starving:
             for text in found
             if not any(name in text and ACCOUNT.search(text) for name in broken)
         ]
-        if (self.folder / lease.NAME).exists():
+        if (self.folder / LEASES_FILE).exists():
             wrong.append("a lease is open")
         if self.code not in (0, 1, 3, 4, 5) and manifest.exit_status == "success":
             wrong.append(f"it ended with {self.code}, and the record says {manifest.exit_status}")

@@ -71,7 +71,7 @@ def look(
     *,
     counts: Mapping[tuple[int, str], float] | None = None,
     parameters: Mapping[str, str] | None = None,
-    tools: Mapping[int, str] | None = None,
+    tool_names: Mapping[int, str] | None = None,
     software: str = "0203456",
     model: str = "DDE",
     events: Mapping[str, int] | None = None,
@@ -88,7 +88,7 @@ def look(
         True,
         identity=Identity("dde", model, software),
         counts=read,
-        tools=dict(tools or {}),
+        tool_names=dict(tool_names or {}),
         parameters=dict(parameters or {}),
         errors=told,
     )

@@ -9,8 +9,7 @@ import socket
 import time
 from collections.abc import Callable
 
-from jbclog.core.errors import LinkError
-from jbclog.transport.port import MOST_AT_ONCE
+from support.product import MOST_AT_ONCE, LinkError
 
 Reply = Callable[[bytes], bytes]
 

@@ -16,10 +16,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from random import Random
 
-from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps
-from jbclog.core.rows import StationFacts
 from support.links.damage import DAMAGES, jbc_holds, omega_holds
 from support.links.injector import KINDS, Deed, Injector
+from support.product import Ask, IoResult, Listen, Request, StationFacts, Steps, do
 from support.virtual.virtual_run import Tap
 
 ON_QUESTIONS = ("question_lost", *(f"question_{name}" for name in DAMAGES))
@@ -113,9 +112,9 @@ class NoisyWire(Injector):
         self._tap, self._tape, self._random = tap, tape, random
         self._holds, self._tail = (omega_holds, 3) if is_omega else (jbc_holds, 2)
 
-    def kept(self, session: Steps[StationFacts]) -> Steps[StationFacts]:
+    async def kept(self, session: Steps[StationFacts]) -> StationFacts:
         """The session, with what it asks and is given put into the books."""
-        step: Callable[[], Request] = partial(next, session)
+        step: Callable[[], Request] = partial(session.send, None)
         while True:
             try:
                 wish = step()
@@ -125,7 +124,7 @@ class NoisyWire(Injector):
             if isinstance(wish, Ask):
                 self.books.append(Exchange(0.0, self.text_of(wish.data)))
             try:
-                heard: IoResult = yield wish
+                heard: IoResult = await do(wish)
             except Exception as error:
                 step = partial(session.throw, error)
                 continue

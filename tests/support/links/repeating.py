@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from random import Random
 
-from jbclog.transport.virtual import Peer
+from support.product import Peer
 
 BEGUN_S = 5.0  # the start is over
 

@@ -1,4 +1,4 @@
-"""A small wire of a few blocks whose questions and answers tell their numbers: what belongs
+"""A small capture of a few commits whose questions and answers tell their numbers: what belongs
 together can be told by looking.
 """
 
@@ -7,13 +7,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
-from jbclog.record.capture import Head, wire_path
-from jbclog.record.capture_recorder import WireRecorder
+from support.product import CaptureRow, Head, LinkRow, ResultRow, WireRecorder
 
-HEAD = Head(
-    "dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0"
-)
+HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0)
 BLOCKS = 6
 
 
@@ -47,8 +43,8 @@ def pieces() -> Iterator[list[CaptureRow]]:
 ROWS = [row for piece in pieces() for row in piece]
 
 
-def write_wire(folder: Path) -> Path:
-    """The file of that wire, in the folder of a run."""
+def write_wire(folder: Path) -> None:
+    """Write that capture in the folder of a run."""
     recorder = WireRecorder(folder)
     keep = recorder.begin(HEAD)
     for piece in pieces():
@@ -56,4 +52,3 @@ def write_wire(folder: Path) -> Path:
             keep(row)
         recorder.write()
     recorder.close()
-    return wire_path(folder, HEAD.station)

@@ -11,13 +11,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from jbclog.app.port_access import PortAccess
-from jbclog.config.line import parse_line
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import LinkError, PortMissing
-from jbclog.core.serial_line import LineFormat
-from jbclog.sim.links import heard
-from jbclog.sim.setup import virtual_station
+from support.product import (
+    LineFormat,
+    LinkError,
+    PortAccess,
+    PortMissing,
+    VirtualClock,
+    heard,
+    parse_line,
+    virtual_station,
+)
 from support.virtual.answers import let_say
 
 Coming = Sequence[tuple[float, bytes]]

@@ -8,14 +8,14 @@ from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow
+from support.product import COLUMN, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow
 from support.virtual.virtual_run import Heard, VirtualRun
 
 CODES = {
     "temperature_c": "TT{port}",
     "power_permille": "PP{port}",
     "status": "PS{port}",
-    "set_c": "ST{port}",
+    "setpoint_c": "ST{port}",
     "tool": "CT{port}",
     "port_error": "PE{port}",
     "transistor_c": "QT{port}",
@@ -28,7 +28,7 @@ AIR_CODES = {
     "external_c": "ET{port}",
     "power_permille": "PP{port}",
     "status": "PS{port}",
-    "set_c": "ST{port}",
+    "setpoint_c": "ST{port}",
     "set_flow_permille": "SF{port}",
     "tool": "CT{port}",
     "port_error": "PE{port}",

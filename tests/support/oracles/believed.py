@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from jbclog.core.rows import COLUMN, SampleRow
 from support.links.damage import jbc_holds, omega_holds
 from support.links.noisy_wire import LONGEST_S, Exchange, NoisyWire
+from support.product import COLUMN, SampleRow
 from support.virtual.virtual_run import VirtualRun
 
 Meaning = Callable[[str], object]
@@ -37,7 +37,7 @@ SOLDERING: dict[str, tuple[str, Meaning]] = {
     "cooling": ("PS{port}", _digit(3)),
     "desoldering": ("PS{port}", _digit(2)),
     "motor": ("PS{port}", _word(1, "off", "forward", "backward")),
-    "set_c": ("ST{port}", int),
+    "setpoint_c": ("ST{port}", int),
     "tool": ("CT{port}", int),
     "port_error": ("PE{port}", int),
     "station_error": ("SER", int),

@@ -19,18 +19,19 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from jbclog.core.rows import (
+from support.oracles.account import reasons_in, wrong_rows
+from support.oracles.listed_writes import strange_writes
+from support.product import (
     COLUMN,
     SAMPLE_COLUMNS,
     SIGNAL_COLUMNS,
     SIGNAL_OF_COLUMN,
+    Manifest,
     SampleRow,
     StationFacts,
+    check_run,
+    read_manifest,
 )
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest
-from support.oracles.account import reasons_in, wrong_rows
-from support.oracles.listed_writes import strange_writes
 from support.virtual.virtual_run import Heard, VirtualRun
 
 Wires = Mapping[str, Sequence[Heard]]
@@ -88,7 +89,7 @@ def violations(
     seconds), where it was. `as_sent`: what a fault made of an answer counts as said (I4 allows it
     where the injector counts it itself).
     """
-    found = [f"I8: {finding}" for finding in check(folder)]
+    found = [f"I8: {finding}" for finding in check_run(folder)]
     if any("cannot be read" in text or "has no part" in text for text in found):
         return found
     manifest, kept = read_manifest(folder), kept_in(folder)

@@ -812,6 +812,7 @@ class Served:
         self._due: list[tuple[float, int, int, bytes]] = []
         self._sockets: dict[int, socket.socket] = {}
         self._terminals: list[tuple[str, int, int]] = []
+        self._ended_slaves: list[int] = []
         self._listening: dict[str, socket.socket] = {}
         self._order = 0
         self._ended = False
@@ -832,12 +833,14 @@ class Served:
         self._terminals.append((name, master, slave))
 
     def unplug(self, name: str) -> None:
-        """End its pseudo-terminals; the next one may get the same number."""
+        """End its pseudo-terminals. Their numbers stay taken until all ends: another process that
+        got one would be told that its terminal is in use.
+        """
         for terminal in [each for each in self._terminals if each[0] == name]:
             self._terminals.remove(terminal)
             self._selector.unregister(terminal[1])
-            for descriptor in terminal[1:]:
-                os.close(descriptor)
+            os.close(terminal[1])
+            self._ended_slaves.append(terminal[2])
 
     def _tcp(self, name: str, one: Cable, _folder: Path) -> None:
         self._listen(name, one, 0)
@@ -866,6 +869,8 @@ class Served:
         self._thread.join()
         for name in [each[0] for each in self._terminals]:
             self.unplug(name)
+        for slave in self._ended_slaves:
+            os.close(slave)
         for one in (*self._listening.values(), *self._sockets.values()):
             one.close()
 

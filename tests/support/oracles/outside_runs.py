@@ -8,15 +8,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from jbclog.config.line import parse_line
-from jbclog.config.load_recipe import parse_recipe
-from jbclog.core.clock import UtcOffset, VirtualClock
-from jbclog.core.rows import COLUMN, SampleRow, SettingRow
-from jbclog.session.run.context import SessionContext
-from jbclog.session.run.station_run import run_station
-from jbclog.transport.virtual import VirtualDriver
 from support.oracles import outside_bench as bench
 from support.oracles.outside_bench import Cable
+from support.product import (
+    COLUMN,
+    SampleRow,
+    Session,
+    SettingRow,
+    VirtualClock,
+    VirtualDriver,
+    parse_line,
+    parse_recipe,
+)
 from support.virtual.virtual_run import Memory, order_for
 
 TIP = """
@@ -67,7 +70,7 @@ status = "on"
 class Outcome:
     memory: Memory
     cables: dict[str, Cable]
-    contexts: dict[str, SessionContext]
+    contexts: dict[str, Session]
     driver: VirtualDriver
 
     @property
@@ -106,10 +109,8 @@ def virtual(
     contexts = {}
     for spec in parse_line(text, Path("line.toml")).stations:
         order = order_for(spec, recipes[spec.family == "jtse"], clock, duration_s, None)
-        contexts[spec.name] = SessionContext(
-            replace(order, may_be_missing=allow_missing), memory, UtcOffset(clock)
-        )
-        driver.add(run_station(contexts[spec.name]), cables[spec.name], spec.name)
+        contexts[spec.name] = Session(replace(order, may_be_missing=allow_missing), memory, clock)
+        driver.add(contexts[spec.name].steps(), cables[spec.name], spec.name)
     driver.run()
     return Outcome(memory, cables, contexts, driver)
 
@@ -172,7 +173,7 @@ def as_recorded(setting: str, raw: str) -> str:
 SIGNAL_CODES = {
     "temperature_c": "TT{port}",
     "power_permille": "PP{port}",
-    "set_c": "ST{port}",
+    "setpoint_c": "ST{port}",
     "tool": "CT{port}",
     "port_error": "PE{port}",
     "station_error": "SER",

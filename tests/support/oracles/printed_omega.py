@@ -15,8 +15,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from jbclog.sim.virtual import Reply
 from support.links.far_ends import Terminal, terminal
+from support.product import Reply
 
 STX, ETX = 0x02, 0x03
 CHARACTER_S = 10 / 9600

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from jbclog.protocol.commands.status import STAND, WORKING
 from support.oracles.account import assert_account_holds
+from support.product import STAND, WORKING
 from support.virtual.virtual_run import Heard, VirtualRun
 
 SETTINGS = ("HA1", "HA2", "LA1", "LA2", "HD1", "HD2", "LD1", "LD2", "ST2")

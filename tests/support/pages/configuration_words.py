@@ -128,7 +128,7 @@ _RECIPE = {
         " there are feeds"
     ),
     "acceptance.coverage_percent": "coverage: readings obtained of the readings due, at least",
-    "acceptance.longest_gap_s": "longest time without a reading, at most",
+    "acceptance.longest_gap_s": "longest gap between two readings, at most; a period more is allowed",
     "acceptance.idle_error_c": "mean deviation of a tip at rest from its setpoint, at most",
     "acceptance.idle_sd_c": "standard deviation of a tip at rest, at most",
     "acceptance.alarms_max": "alarms that are accepted",

@@ -4,7 +4,7 @@ is made of it.
 
 from __future__ import annotations
 
-from jbclog.protocol.commands.decisions import DECISIONS, Decision
+from jbclog.protocol.commands.decisions import Decision, decisions
 from support.pages.md_table import MADE, codes, table
 
 INTRODUCTION = """
@@ -21,7 +21,7 @@ says so.
 
 def page() -> str:
     """The whole page."""
-    rows = [_row(one) for one in DECISIONS.values()]
+    rows = [_row(one) for one in decisions().values()]
     head = (
         "no.",
         "contradicted or left open",

@@ -4,43 +4,12 @@ is written.
 
 from __future__ import annotations
 
-from jbclog.analysis.run_alarms import ALARMS_SCHEMA
 from jbclog.app.export import qdas, workbook
-from jbclog.app.export.csv_files import DATATYPES, METADATA
+from jbclog.app.export.csv_files import METADATA
 from jbclog.app.export.source import SCHEMA_OF
 from support.lazy import mdf
 from support.pages.md_table import MADE, code, table
 
-ALARMS = {
-    "episode": "name of the episode; `jbclog alarms ack` takes it",
-    "incident": "number; episodes of one incident belong together",
-    "station": "station",
-    "port": "port",
-    "side": "`high` or `low`",
-    "detector": (
-        "A: the station's flag, B: our samples with delay and deadband, C: every excursion of our"
-        " samples"
-    ),
-    "state": "`active`, `cleared`, or `uncertain`: not read for too long",
-    "onset_earliest": "it began after this",
-    "onset": "and no later than this",
-    "raised": "when it became known",
-    "end_earliest": "it ended after this",
-    "end": "and no later than this; null: it did not end",
-    "end_reason": "why it ended",
-    "seconds": "from `onset` to `end`",
-    "seconds_least": "without its unread time; null where all of it was read",
-    "seconds_most": "with the unread time before `onset`; null where all of it was read",
-    "peak_c": "highest or lowest temperature",
-    "limit_c": "limit",
-    "delay_s": "delay of the alarm",
-    "confirmed": "a temperature supports the flag",
-    "uncertain": "not read for too long in between",
-    "finding": "how the detectors disagree",
-    "acknowledged_by": "who acknowledged it",
-    "acknowledged_at": "when",
-    "acknowledged_why": "why",
-}
 PART = {
     "K0100": "number of characteristics in the file",
     "K1001": f"product, as `--product` stated it; `{qdas.NOT_STATED}` without one",
@@ -81,8 +50,8 @@ VALUE = {
 }
 
 TEXT = f"""
-`jbclog export RUN --to csv|xlsx|mf4|qdas`; the guide is [Export a run](../how-to/export.md). Samples, events, settings,
-counters and joints have the columns of [Tables and columns](tables.md), joints with the serial of the `unit` before them.
+`jbclog export RUN --to csv|xlsx|mf4|qdas`; the guide is [Export a run](../how-to/export.md). Its tables are samples, events,
+settings, counters, joints and alarms, with the columns of [Tables and columns](tables.md).
 
 csv, xlsx and mf4 hold the same facts of their run, qdas the most important ones: name, fingerprint (SHA-256 of the manifest),
 state, what a recovered run lost, start, end, verdict with the version of its rules, line, recipes with SHA-256, operator,
@@ -113,7 +82,7 @@ ASAM MDF {{mdf.VERSION}}. The file's start is tick 0 of the run, in UTC; the fac
 | `STATION port N` | the samples of a port, with the channels that the station's family can fill | seconds on the run's grid |
 | `STATION port N joints` | its joints | `start_s` |
 | `events` `settings` `counters` | rows in the order of their times | seconds since the start |
-| `alarms` | episodes | seconds from the start to `onset` |
+| `alarms` | episodes | seconds from the start to `start` |
 
 Units stand at each channel. `time_utc` and other times are microseconds since 1970-01-01 UTC. A value that is not known has
 its invalidation bit set; a reader that ignores these bits finds NaN, and `{{mdf.NO_TEXT}}` or an empty text. Flags are 0 and 1;
@@ -149,10 +118,6 @@ def page() -> str:
             " `rated_power_w`."
         ),
         *("### Values", table(("field", "meaning"), _fields(VALUE))),
-        "## Columns of alarms",
-        table(
-            ("column", "meaning", "unit", "type"), [_alarm(name) for name in ALARMS_SCHEMA.names]
-        ),
     ]
     return f"{MADE}\n\n# Exports\n{TEXT.format(mdf=mdf)}\n" + "\n\n".join(sections) + "\n"
 
@@ -164,13 +129,3 @@ def _fields(fields: dict[str, str]) -> list[tuple[str, str]]:
 def _characteristic(one: qdas.Characteristic) -> tuple[str, str, str, str]:
     definition = SCHEMA_OF["joints"].field(one.column).metadata[b"definition"].decode()
     return code(one.column), one.text, one.unit, definition
-
-
-def _alarm(name: str) -> tuple[str, str, str, str]:
-    field = ALARMS_SCHEMA.field(name)
-    return (
-        code(name),
-        ALARMS[name],
-        (field.metadata or {}).get(b"unit", b"").decode(),
-        DATATYPES[field.type],
-    )

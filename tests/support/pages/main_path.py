@@ -25,11 +25,11 @@ BACK = (
     ("report.write", "page, PDF, tables"),
     ("analysis.run", "DataFrames of a run"),
     ("record.seal", "Parquet, hourly and at the end"),
-    ("record.live", "SQLite, a transaction a second"),
+    ("record.run_journal", "segments of frames, a commit every 0.6 s"),
 )
 CHAINS = (
     ("app.run.recorder", "protocol.client.robot"),
-    ("app.run.recorder", "record.live"),
+    ("app.run.recorder", "record.run_journal"),
     ("protocol.client.robot", "protocol.frame"),
 )
 """Pairs that others stand between."""
@@ -75,7 +75,7 @@ def svg() -> str:
         )
         lines.append(_arrow(importer, other, "v", f"through {between}"))
     lines.append(_arrow("analysis.run", "record.seal", "d", "reads the files that it left"))
-    lines.append(_arrow("record.live", "record.seal", "d", "starts it as a process"))
+    lines.append(_arrow("record.run_journal", "record.seal", "d", "starts it as a process"))
     drawn = "\n".join(lines)
     return (
         f'{MADE}\n<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'

@@ -38,8 +38,10 @@ OBJECTS: Mapping[str, type] = {
 
 INTRODUCTION = """
 One JSON object in a [run's folder](run-folder.md). It never changes after sealing. Times are ISO 8601 in UTC. A key that an earlier
-release did not write has its default. The last key, `digest`, is the SHA-256 of the file without it; the
-SHA-256 of the whole file is the run's fingerprint.
+release did not write has its default. The last key, `digest`, is the SHA-256 of the file without it
+(without its line and the comma before); the SHA-256 of the whole file is the run's fingerprint. What is counted of a station during a
+run (`alarms`, `outages`, `skipped`, `due`, `last_tick` …) is that of an earlier moment, or 0 or null, in a run that a crash cut off
+(`outcome` is `running`): its events and samples have the rest.
 """
 
 MEANINGS: Mapping[str, str] = {
@@ -51,10 +53,10 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.verdict": "verdict",
     "manifest.json.rules": "number of the rules and methods of the verdict",
     "manifest.json.verdict_rules": (
-        "each rule of the verdict: name, station, port, limit, observed, unit, result, text"
+        "each rule of the verdict: name, station, port, limit_value, observed, uom, result, text, bound"
     ),
-    "manifest.json.started": "start",
-    "manifest.json.ended": "end: start plus the time elapsed",
+    "manifest.json.start": "start",
+    "manifest.json.stop": "end: start plus the time elapsed",
     "manifest.json.t0_mono": "tick 0 on the recorder's monotonic clock, s",
     "manifest.json.t0_utc": "the same moment, s since 1970 UTC",
     "manifest.json.line": "line file as it ran",
@@ -92,9 +94,9 @@ MEANINGS: Mapping[str, str] = {
     "metadata.wire_lots": "`--wire-lot`",
     "metadata.flux_lots": "`--flux-lot`",
     "metadata.tips": "`--tip`: `ID`, `STATION=ID` or `STATION:PORT=ID`",
-    "units.serial": "serial",
-    "units.begin": "begin",
-    "units.end": "end; null: no event shows it",
+    "units.unit": "serial",
+    "units.start": "start",
+    "units.stop": "end; null: no event shows it",
     "stations.name": "name",
     "stations.url": "port",
     "stations.family": "family",
@@ -104,7 +106,7 @@ MEANINGS: Mapping[str, str] = {
     "stations.baudrate": "baud rate",
     "stations.format": "line format",
     "stations.ports": "ports that are recorded",
-    "stations.tools": "tool of each port",
+    "stations.tool_names": "tool of each port",
     "stations.turnaround_us": (
         "response time in µs: median (at least the shortest of a fast signal), p99, n; `faster_by` where the link is faster than named"
     ),
@@ -132,7 +134,7 @@ MEANINGS: Mapping[str, str] = {
     "stations.unconfirmed_alarms": "flags that no temperature confirms",
     "stations.settings_changed": "settings found changed",
     "stations.settings_repeated": "settings written again at the start",
-    "stations.outages": "number of lost connections",
+    "stations.outages": "number of lost connections, and of times without Robot mode",
     "stations.worst_slow_periods": "longest wait of a slow reading, in its own periods",
     "stations.touched": "ports that the run wrote to",
     "stations.outcome": "[outcome](run-folder.md)",

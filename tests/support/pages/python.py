@@ -69,7 +69,7 @@ def _members(one: type, level: str) -> Iterable[str]:
 def _signature(name: str, thing: object) -> str:
     """Without the types' quotes; a class that only errors or jbclog make has none."""
     if inspect.isclass(thing) and (
-        issubclass(thing, Exception | Enum) or thing in (jbclog.Run, jbclog.Runs)
+        issubclass(thing, Exception | Enum) or thing in (jbclog.PortData, jbclog.Run, jbclog.Runs)
     ):
         return ""
     assert callable(thing)

@@ -12,7 +12,7 @@ from jbclog.protocol.commands.defaults import Default
 from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS, ErrorTable
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.status import StatusTable
-from jbclog.session.run.setting import WRITES
+from jbclog.session.run.permit import WRITES
 from support.pages.md_table import MADE, code, codes, table
 
 INTRODUCTION = """

@@ -69,7 +69,14 @@ RULES: Mapping[str, tuple[str, str]] = {
             " not a failure. One isolated miss does not violate a limit in per cent."
         ),
     ),
-    "longest_gap": ("`longest_gap_s`", "The longest time without a temperature."),
+    "longest_gap": (
+        "`longest_gap_s`",
+        (
+            "The longest [gap](../explanation/record.md#gaps) in the temperature, from one reading"
+            " to the next. It may be a period longer than the limit: any two readings are a period"
+            " apart. Readings that the host missed are missing evidence, not a failure."
+        ),
+    ),
     "alarms": (
         "`alarms_max`",
         "Events `alarm.high` and `alarm.low`. Flags that were never read: missing.",
@@ -85,7 +92,7 @@ RULES: Mapping[str, tuple[str, str]] = {
         "`idle_error_c`",
         (
             "Mean deviation of the tip at rest from its setpoint, with its 95 % bound. No rest of"
-            " 30 s: missing."
+            " 5 min: missing."
         ),
     ),
     "idle_sd": ("`idle_sd_c`", "Standard deviation of the tip at rest, with its 95 % bound."),
@@ -127,7 +134,9 @@ is missing ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
 
 METRICS = (
     "Used by `run.metrics()`, `jbclog trend`, `jbclog chart` and the report. A metric that the data"
-    " cannot support has no value, but a reason."
+    " cannot support has no value, but a reason. A tool *works* in the rows in which its status is"
+    " working (hot air: on) and the readings of tool and port error before and after show the same"
+    " tool in a port that works."
 )
 DEVIATIONS = (
     "All events of severity error or critical that no rule judges, and warnings of these kinds:"
@@ -144,7 +153,7 @@ def page() -> str:
     rules = [(code(name), limit, text) for name, (limit, text) in RULES.items()]
     results = [(code(one.value), RESULTS[one]) for one in Result]
     metrics = [
-        (code(one.metric), one.unit, one.definition, one.applies_to)
+        (code(one.metric), one.uom, one.definition, one.applies_to)
         for one in Run.metric_definitions().itertuples()
     ]
     sections = {

@@ -49,9 +49,9 @@ def soldered(
     contact = np.full(steps, -1)
     for number, (start, end) in reversed([*enumerate(contacts)]):
         contact[(start <= at) & (at < end)] = number
-    for step, (set_c, touching) in enumerate(zip(aim.tolist(), contact.tolist(), strict=True)):
+    for step, (setpoint_c, touching) in enumerate(zip(aim.tolist(), contact.tolist(), strict=True)):
         work, owner = (40.0 if touching != owner else work), touching
-        tip.step(STEP_S, set_c, conductance if touching >= 0 else 0.0, work)
+        tip.step(STEP_S, setpoint_c, conductance if touching >= 0 else 0.0, work)
         if touching >= 0:
             flow = conductance * (tip.temperature_c - work)
             work += STEP_S * (flow - leak * (work - 40.0)) / 0.15

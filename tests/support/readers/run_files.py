@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from jbclog.core.capture_rows import CaptureRow
-from jbclog.record.capture import Hole, rows_and_holes
 from jbclog.report.write import report_files
+from support.product import rows_of_capture
 
 
 def read_rows(path: Path) -> Iterator[CaptureRow]:
-    """The intact rows of a capture, without what is missing between them."""
-    return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
+    """The rows of a file of a capture."""
+    return iter(rows_of_capture(path))
 
 
 def differing_files(folder: Path | str) -> list[str]:

@@ -67,7 +67,7 @@ def zoom_data(text: str) -> ZoomData:
     raw = base64.b64decode(text, validate=True)
     length = int.from_bytes(raw[:4], "little")
     head, numbers = json.loads(raw[4 : 4 + length]), Numbers(raw[4 + length :])
-    seconds = np.cumsum(numbers.runs()) * head["unit"]
+    seconds = np.cumsum(numbers.runs()) * head["step"]
     found = ZoomData(head, seconds, {name: numbers.known() for name in head["columns"]}, [])
     found.why = [head["words"][code] for code in numbers.runs()]
     for name in head["columns"] if head["stretches"] else ():

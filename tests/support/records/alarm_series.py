@@ -29,9 +29,9 @@ from jbclog.core.rows import (
     StationFacts,
 )
 from jbclog.record.conclude import conclude
-from jbclog.record.live import LiveStore
 from jbclog.record.manifest import read_manifest, write_manifest
-from jbclog.record.seal import seal_rows
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.seal import seal_journal
 from support.records import small_run
 
 T0_US = 1_790_000_000_000_000
@@ -68,11 +68,11 @@ class Series:
         temperature: float | None,
         status: str | None = "working",
         times: int = 1,
-        set_c: float | None = None,
+        setpoint_c: float | None = None,
     ) -> Series:
         """Rows that are all alike."""
         for _ in range(times):
-            self.rows.append((self.now_us, self.tick, temperature, status, set_c))
+            self.rows.append((self.now_us, self.tick, temperature, status, setpoint_c))
             self.tick += 1
         return self
 
@@ -143,14 +143,14 @@ def replayed(
 
 
 def rows_of(readings: Sequence[Reading]) -> Rows:
-    times, ticks, temperatures, statuses, set_c = zip(*readings, strict=True)
+    times, ticks, temperatures, statuses, setpoint_c = zip(*readings, strict=True)
     return Rows(
         np.array(times),
         np.array(ticks),
         np.array([0 if one is None else one for one in temperatures]),
         np.array([row[2] is not None and row[3] is not None for row in readings]),
         np.array([status in WORKING for status in statuses]),
-        np.array([np.nan if one is None else one for one in set_c]),
+        np.array([np.nan if one is None else one for one in setpoint_c]),
         {},
     )
 
@@ -186,10 +186,10 @@ def _hand_over(series: Series, taker: Taker) -> None:
 
 
 @contextmanager
-def being_recorded(series: Series, out: Path) -> Iterator[tuple[Path, LiveStore]]:
+def being_recorded(series: Series, out: Path) -> Iterator[tuple[Path, RunJournal]]:
     """A run of the series that was taken into its live store and is still open."""
     folder, _ = small_run.begin(out, 1.0)
-    store = LiveStore(folder)
+    store = RunJournal(folder)
     store.start()
     try:
         _hand_over(series, _Tap(store, None))
@@ -210,9 +210,9 @@ def recorded(series: Series, out: Path) -> Path:
             "success",
             0,
         )
-        manifest.ended = manifest.started
+        manifest.stop = manifest.start
         write_manifest(folder, manifest)
-        seal_rows(folder)
+        seal_journal(folder)
         conclude(folder, manifest, store.lock)
     return folder
 
@@ -236,7 +236,7 @@ def _event(change: Change) -> EventRow:
 
 
 def sample_row(
-    time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None
+    time_us: int, tick: int, temperature: float | None, status: str | None, setpoint_c: float | None
 ) -> SampleRow:
     row: SampleRow = [None] * len(SAMPLE_COLUMNS)
     cells = {
@@ -247,7 +247,7 @@ def sample_row(
         "temperature_c": temperature,
         "status": status,
     }
-    for name, cell in {**cells, "set_c": set_c, "quality": "ok"}.items():
+    for name, cell in {**cells, "setpoint_c": setpoint_c, "quality": "ok"}.items():
         row[COLUMN[name]] = cell
     return row
 
@@ -273,11 +273,11 @@ def random_series(seed: int, rows: int = 600) -> Series:
             status = "stand" if status == "working" else "working"
         _disturb(series, rng)
         unread = lost > 0 or rng.random() < 0.02
-        set_c = rng.choice([345, 350, 355]) if rng.random() < 0.02 else None
+        setpoint_c = rng.choice([345, 350, 355]) if rng.random() < 0.02 else None
         series.add(
             None if unread else round(temperature),
             None if unread and rng.random() < 0.5 else status,
-            set_c=set_c,
+            setpoint_c=setpoint_c,
         )
     return series
 

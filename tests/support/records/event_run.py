@@ -8,7 +8,7 @@ from pathlib import Path
 from jbclog.core.rows import EventRow, Severity
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
-from jbclog.record.seal import seal_rows
+from jbclog.record.seal import seal_journal
 from support.records import few_rows
 from support.records.few_rows import T0
 
@@ -29,6 +29,6 @@ def run_with(out: Path, told: Sequence[Told], metadata: Metadata, *, crashes: bo
         few_rows.vanish(store)
         return store.folder
     store.close()
-    seal_rows(store.folder)
+    seal_journal(store.folder)
     conclude(store.folder, read_manifest(store.folder), store.lock)
     return store.folder

@@ -4,14 +4,12 @@ what is missing.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbclog.core.locks import commit_status
 from jbclog.core.rows import (
     COLUMN,
     SAMPLE_COLUMNS,
@@ -24,9 +22,12 @@ from jbclog.core.rows import (
 )
 from jbclog.record.chains import breaks
 from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
+from jbclog.record.journal_reader import Journal
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.parts import part_paths, row_groups
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.segments import RESERVE
+from support.product import open_store
 
 T0 = 1_790_000_000_000_000
 EVENT_EVERY = 7
@@ -86,11 +87,11 @@ def counter(number: int) -> CounterRow:
 
 def facts(due: int = 0) -> StationFacts:
     return StationFacts(
-        "a", "a.pty", "dde", ports=[1], tools={1: "T210"}, outcome="running", due={}
+        "a", "a.pty", "dde", ports=[1], tool_names={1: "T210"}, outcome="running", due={}
     )
 
 
-def hand_over(store: LiveStore, numbers: Iterable[int]) -> None:
+def hand_over(store: RunJournal, numbers: Iterable[int]) -> None:
     """The samples of these numbers, an event at each seventh, a counter at each hundredth."""
     for number in numbers:
         store.sample(sample(number))
@@ -100,18 +101,16 @@ def hand_over(store: LiveStore, numbers: Iterable[int]) -> None:
             store.counter(counter(number))
 
 
-def begun(out: Path, **more: object) -> LiveStore:
+def begun(out: Path, **more: object) -> RunJournal:
     """A started store in a new folder, without hourly sealing."""
-    store = LiveStore(create_run(out, "bench", T0 / 1e6), seal_every_s=None, **more)  # type: ignore[arg-type]  # test helper
+    store = open_store(create_run(out, "bench", T0 / 1e6), seal_every_s=None, **more)
     store.start()
     return store
 
 
-def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = False) -> Path:
-    """The folder of a run whose recorder vanished after `commits` commits of `rows` samples each.
-
-    They are in SQLite's log, which has check sums of its own, or `in_pages` of the database, which
-    have none.
+def abandoned(out: Path, commits: int = 3, rows: int = 50) -> Path:
+    """The folder of a run whose recorder vanished after `commits` commits of `rows` samples
+    each.
     """
     store = begun(out)
     # on a busy machine one of the thread's own commits would come in between
@@ -121,12 +120,7 @@ def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = F
     for commit in range(commits):
         hand_over(store, range(commit * rows, (commit + 1) * rows))
         store.commit_now()
-    if in_pages:
-        # brings the log into the pages; the store does not get to say that it was closed
-        store._writer.close()
-        store.release()
-    else:
-        vanish(store)
+    vanish(store)
     return store.folder
 
 
@@ -145,19 +139,16 @@ def closed(out: Path, rows: int, *stations: StationFacts) -> Path:
     return store.folder
 
 
-def vanish(store: LiveStore) -> None:
+def vanish(store: RunJournal) -> None:
     """Leave the folder as a kill would: nothing closed, the lock free."""
     _end_thread(store)
-    copies = {path: path.read_bytes() for path in store.folder.glob("live*")}
-    # once in seventeen runs of all tests an abandoned run had no rows: the next time this says why
-    assert any(data for path, data in copies.items() if path.name.endswith("-wal")), copies.keys()
+    reserve = (store.folder / RESERVE).read_bytes()
     store._writer.close()
     store.release()
-    for path, data in copies.items():
-        path.write_bytes(data)
+    (store.folder / RESERVE).write_bytes(reserve)
 
 
-def _end_thread(store: LiveStore) -> None:
+def _end_thread(store: RunJournal) -> None:
     """From here on it commits on request alone."""
     store._ending = True
     store._wake.set()
@@ -168,7 +159,8 @@ def at_risk_s(folder: Path) -> float:
     """For how long rows of an abandoned run may have waited for their commit: a second, or as long
     as a busy machine had them wait here; to be asked before it is recovered.
     """
-    return math.ceil(max(1.0, commit_status(folder).risk_s) * 10) / 10
+    with Journal(folder) as journal:
+        return float(str(journal.notes["risk_s"]))
 
 
 def table(folder: Path, name: str) -> pa.Table:
@@ -177,12 +169,20 @@ def table(folder: Path, name: str) -> pa.Table:
 
 
 def sealed_numbers(folder: Path) -> list[int]:
-    """The numbers of the samples that are sealed, each of which is exactly what was handed over."""
+    """The numbers of the samples that are sealed, each of which is exactly what was handed over;
+    the record has numbered them as they came.
+    """
     numbers = []
+    last = -1
     for group in row_groups(folder, "samples"):
-        plain = group.set_column(0, "time", group["time"].cast(pa.int64()))
+        place = group.schema.get_field_index("time")
+        plain = group.set_column(place, "time", group["time"].cast(pa.int64()))
         for row in plain.to_pylist():
-            assert list(row.values()) == sample(row["tick"], row["station"], row["port"]), row
+            run, seq, *values = row.values()
+            assert values == sample(row["tick"], row["station"], row["port"]), row
+            assert run == folder.name
+            assert seq > last
+            last = seq
             numbers.append(row["tick"])
     return numbers
 

@@ -25,9 +25,9 @@ from jbclog.core.rows import (
 )
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, Metadata, iso, write_manifest
-from jbclog.record.seal import seal_rows
+from jbclog.record.seal import seal_journal
+from support.product import open_store, seal_part
 from support.records import sealed_run
 
 PERIOD_S = 0.1
@@ -51,7 +51,11 @@ class Recording:
     def __post_init__(self) -> None:
         self.folder = create_run(self.out, "bench", self.began_us / 1e6)
         self.facts = StationFacts(
-            NAME, "a.pty", "dde", ports=list(self.ports), tools=dict.fromkeys(self.ports, "T210")
+            NAME,
+            "a.pty",
+            "dde",
+            ports=list(self.ports),
+            tool_names=dict.fromkeys(self.ports, "T210"),
         )
         self.facts.period_s, self.facts.rate_hz, self.facts.signals = (
             PERIOD_S,
@@ -60,13 +64,13 @@ class Recording:
         )
         self.manifest = Manifest(
             self.folder.name,
-            started=iso(self.began_us),
+            start=iso(self.began_us),
             line=LineFile("bench", "line.toml", "0" * 64),
         )
         self.manifest.metadata = Metadata(operator="A. Rossi", order="88123")
         self.manifest.stations = [StationFacts(NAME, "a.pty", "dde", ports=list(self.ports))]
         write_manifest(self.folder, self.manifest)
-        self.store = LiveStore(self.folder, seal_every_s=None)
+        self.store = open_store(self.folder, seal_every_s=None)
         self.store.start()
         self.store.facts(self.facts)
 
@@ -88,7 +92,7 @@ class Recording:
             "quality": "ok",
             "temperature_c": 350,
             "power_permille": 100,
-            "set_c": 350,
+            "setpoint_c": 350,
             "status": "working",
         }
         for name, value in {
@@ -129,7 +133,7 @@ class Recording:
     def seal_part(self) -> None:
         """Do what the hourly child does."""
         self.commit()
-        seal_rows(self.folder, part=True)
+        seal_part(self.folder)
 
     def close(self) -> None:
         self.store.close()
@@ -139,13 +143,13 @@ class Recording:
         self.facts.outcome = "completed"
         self.store.facts(self.facts)
         self.close()
-        seal_rows(self.folder)
+        seal_journal(self.folder)
         ended = Manifest(
             self.folder.name,
             exit_status="success",
             exit_code=0,
             verdict="ACCEPT",
-            started=self.manifest.started,
+            start=self.manifest.start,
         )
         ended.stations = [self.facts]
         conclude(self.folder, ended, self.store.lock)

@@ -71,12 +71,12 @@ def port(
     number: int, condition: Condition, temperature: Reading, station: str = "dde-1", **more: object
 ) -> PortState:
     fields: dict[str, object] = {
-        "tool": "T210",
+        "tool_name": "T210",
         "quality": "ok",
         "row_age_s": 0.3,
         "readings": {
             "temperature_c": temperature,
-            "set_c": known(350),
+            "setpoint_c": known(350),
             "power_permille": known(123),
             "status": known("working"),
         },
@@ -152,7 +152,7 @@ def run(
             Condition.ENDED,
             Reading(),
             "nae-1",
-            tool=None,
+            tool_name=None,
             readings={},
             row_age_s=None,
             coverage=Coverage(),

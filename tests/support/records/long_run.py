@@ -4,7 +4,7 @@ and again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -14,9 +14,9 @@ import pyarrow as pa
 
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import frame, select
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import PortKey, StationFacts
 from jbclog.record.manifest import Manifest
-from jbclog.record.parts import Wanted
+from jbclog.record.samples_by_port import SamplesByPort
 from jbclog.record.schema import SCHEMAS
 from support.plants.scripted_tip import soldered
 
@@ -32,7 +32,11 @@ def record_of_ten_minutes() -> dict[str, np.ndarray[tuple[int], np.dtype[np.floa
     rows = soldered(
         [(15 + PAUSE_S * n, 16.2 + PAUSE_S * n) for n in range(97)], 600.0, hz=RECORD_HZ
     ).rows
-    return {"temperature_c": rows.temperature, "power_permille": rows.power, "set_c": rows.setting}
+    return {
+        "temperature_c": rows.temperature,
+        "power_permille": rows.power,
+        "setpoint_c": rows.setting,
+    }
 
 
 class LongRun(Run):
@@ -66,14 +70,16 @@ class LongRun(Run):
     def manifest(self) -> Manifest:
         return self._manifest
 
-    def groups(
-        self, table: str, columns: list[str], *, coded: bool = False, wanted: Wanted | None = None
-    ) -> Iterator[pa.Table]:
-        assert table == "samples"
-        for number, first in enumerate(range(0, self.rows, self.group)):
+    def groups(self, table: str, columns: list[str], **_: object) -> Iterator[pa.Table]:
+        return iter([] if table == "events" else self.pieces_of(columns))
+
+    def pieces_of(self, columns: Sequence[str]) -> Iterator[pa.Table]:
+        for first in range(0, self.rows, self.group):
             ticks = np.arange(first, min(first + self.group, self.rows))
-            if wanted is None or wanted(number):
-                yield self._rows(ticks).select(columns)
+            yield self._rows(ticks).select(list(columns))
+
+    def samples_by_port(self, columns: Sequence[str]) -> SamplesByPort:
+        return MadeSamples(self, columns)
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
         return frame(SCHEMAS["settings"].empty_table())
@@ -89,7 +95,7 @@ class LongRun(Run):
 
     def _rows(self, ticks: np.ndarray[tuple[int], np.dtype[np.int64]]) -> pa.Table:
         record, times = record_of_ten_minutes(), ticks / self.hz * 1e6 + T0_US
-        length = len(record["set_c"])
+        length = len(record["setpoint_c"])
         place = np.round(ticks * RECORD_HZ / self.hz).astype(np.int64)
         # one heat-up
         place = np.where(place < length, place, length // 2 + (place - length) % (length // 2))
@@ -118,3 +124,12 @@ class LongRun(Run):
             for name in columns
         ]
         return pa.table(made, names=list(columns))
+
+
+class MadeSamples(SamplesByPort):
+    def __init__(self, run: LongRun, columns: Sequence[str]) -> None:
+        super().__init__(columns, [], order=[(run.stations[0].name, 1)])
+        self._run = run
+
+    def rows(self, key: PortKey, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        return self._run.pieces_of(self.columns if columns is None else columns)

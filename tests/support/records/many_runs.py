@@ -27,12 +27,17 @@ def one_run(
     name: str = "dde-1",
     rows: int = ROWS,
     still: bool = False,
+    run: str | None = None,
+    joints_until_s: float | None = None,
     **said: object,
 ) -> Path:
-    """A sealed run, an hour after the one before, whose idle tip is `error_c` off its setting; a
-    `still` one without noise.
+    """A sealed run, an hour after the one before, whose idle tip is `error_c` off its setting: it
+    rests in the second half, or from
+    `joints_until_s` on; a
+    `still` one without noise; `run` is its name.
     """
-    columns = samples(rows, name, seed=number if seed is None else seed)
+    seed = number if seed is None else seed
+    columns = samples(rows, name, seed=seed, joints_until_s=joints_until_s or rows / 20)
     settled = np.arange(rows) >= 30
     dither = np.zeros(rows) if still else np.random.default_rng(number).random(rows)
     if still:
@@ -40,21 +45,19 @@ def one_run(
     columns["temperature_c"] = columns["temperature_c"] + np.where(
         settled, np.floor(error_c + dither), 0
     )
-    folder = seal(out, [station(name, rows=rows)], table(columns), **said)
     began = BEGIN + timedelta(hours=number)
+    letters = "".join("abcdefghij"[digit] for digit in (number // 10 % 10, number % 10))
+    run = run or f"{began:%Y%m%dT%H%M%SZ}-bench-{letters}aa"
+    folder = seal(out, [station(name, rows=rows)], table(columns), run=run, **said)
     at = [
         iso(int((began + timedelta(seconds=second)).timestamp() * 1e6)) for second in (0, rows / 10)
     ]
-    letters = "".join("abcdefghij"[digit] for digit in (number // 10 % 10, number % 10))
-    named = folder.rename(out / f"{began:%Y%m%dT%H%M%SZ}-bench-{letters}aa")
-    _retold(named, at)
-    return named
+    _retold(folder, at)
+    return folder
 
 
 def _retold(folder: Path, at: Sequence[str]) -> None:
-    write_manifest(
-        folder, replace(read_manifest(folder), run=folder.name, started=at[0], ended=at[1])
-    )
+    write_manifest(folder, replace(read_manifest(folder), run=folder.name, start=at[0], stop=at[1]))
 
 
 def many_runs(out: Path, errors_c: Sequence[float], **said: object) -> list[Path]:

@@ -17,14 +17,14 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from jbclog.record.live import LiveStore
+from jbclog.record.run_journal import RunJournal
 from support.records.small_run import begin, fill, make_run
 
 HOME = Path(__file__).parents[2] / "data" / "releases"
 TABLES = ("samples", "events", "settings", "counters")
 SECONDS = 2.0
 # of no use to anybody later, and of its own machine
-LEFT_OUT = ("live.reserve", "live.sqlite-shm", "live.lock")
+LEFT_OUT = ("live.reserve", "live.lock")
 
 
 def table_text(folder: Path, table: str) -> str:
@@ -63,7 +63,7 @@ def _left_open(home: Path) -> None:
     """What a kill leaves: a copy, while the recorder has everything open."""
     with tempfile.TemporaryDirectory() as aside:
         folder, _ = begin(Path(aside), SECONDS)
-        store = LiveStore(folder)
+        store = RunJournal(folder)
         store.start()
         fill(store, SECONDS)
         store.commit_now()

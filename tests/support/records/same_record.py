@@ -11,10 +11,10 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
-from jbclog.analysis.stored_tables import cache_metrics, cached_metrics
+from jbclog.analysis.derived_files import Origin, derived_files, derived_table, write_derived
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, vouch
-from jbclog.record.folder import METRICS_CACHE
+from jbclog.record.folder import DERIVED, DERIVED_TABLES
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import manifest_sha256, manifest_text, read_manifest
 
@@ -33,10 +33,12 @@ def as_another(run: Path, folder: Path, ignore: Iterable[str] = ()) -> Path:
         report = (run / REPORT).read_bytes().replace(before.encode(), now.encode())
         _write(folder / REPORT, report)
         vouch(folder, sha256(report).hexdigest())
-    if (folder / METRICS_CACHE).exists():
-        rows = cached_metrics(run, before)
-        assert rows, "these metrics are of another run"
-        cache_metrics(folder, rows, now)
+    if (folder / DERIVED).exists():
+        every = {name: derived_table(run, name, before) for name in DERIVED_TABLES}
+        tables = {name: table for name, table in every.items() if table is not None}
+        assert tables, "these tables are of another run"
+        shutil.rmtree(folder / DERIVED)  # links
+        write_derived(folder, derived_files(tables, Origin.of(folder)))
     return folder
 
 

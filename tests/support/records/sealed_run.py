@@ -13,13 +13,13 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity, StationFacts
-from jbclog.record.conclude import files_of
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
-from jbclog.record.parts import ROWS_A_GROUP, complete, write_part
-from jbclog.record.schema import SCHEMAS
+from jbclog.record.schema import RUN, SCHEMAS, SEQ, constant, numbers_from
+from support.records.listed_files import add_part, complete, files_of
 
 T0_UTC_S = 1_790_000_000.0
+NAME = "20260921T141320Z-bench-k7qd"
 RECIPE = """[recipe]
 name = "sn100c-tht"
 revision = 7
@@ -53,7 +53,7 @@ def station(
         touched=list(ports),
         outcome="completed",
     )
-    facts.tools = dict.fromkeys(ports, "T245/T470")
+    facts.tool_names = dict.fromkeys(ports, "T245/T470")
     facts.safe_state = dict.fromkeys(ports, "verified")
     facts.last_temperature_c = dict.fromkeys(ports, 350.0)
     facts.period_s, facts.recipe = 1 / hz, "recipes/tht.toml"
@@ -62,13 +62,18 @@ def station(
 
 
 def samples(
-    rows: int, name: str = "dde-1", port: int = 1, hz: float = 10.0, seed: int = 1
+    rows: int,
+    name: str = "dde-1",
+    port: int = 1,
+    hz: float = 10.0,
+    seed: int = 1,
+    joints_until_s: float = np.inf,
 ) -> dict[str, NDArray[np.generic]]:
-    """Columns of one port that solders a joint each five seconds after heating up; change them as
-    you like, then `table`.
+    """Columns of one port that solders a joint each five seconds after heating up, and then rests;
+    change them as you like, then `table`.
     """
     rng, second = np.random.default_rng(seed), np.arange(rows) / hz
-    joint = (second % 5 > 3.5) & (second > 5)
+    joint = (second % 5 > 3.5) & (second > 5) & (second < joints_until_s)
     temperature = (
         350
         + np.round(rng.normal(0, 1, rows))
@@ -91,7 +96,7 @@ def samples(
         "temperature_c": temperature,
         "power_permille": power,
         "status": np.full(rows, "working", dtype=object),
-        "set_c": np.where(np.arange(rows) % round(5 * hz) == 0, 350.0, np.nan),
+        "setpoint_c": np.where(np.arange(rows) % round(5 * hz) == 0, 350.0, np.nan),
         "alarm_high": np.where(np.arange(rows) % round(2 * hz) == 0, 0.0, np.nan),
     }
 
@@ -101,7 +106,7 @@ def lose(
 ) -> None:
     """Nothing was read in these rows."""
     fast = ("temperature_c", "power_permille", "status")
-    for name in (*fast[:2], "set_c", "alarm_high", "late_us", "scan_us"):
+    for name in (*fast[:2], "setpoint_c", "alarm_high", "late_us", "scan_us"):
         columns[name][rows] = np.nan
     columns["status"][rows] = None
     columns["quality"][rows] = reason
@@ -117,6 +122,7 @@ def table(*ports: dict[str, NDArray[np.generic]]) -> pa.Table:
 
 def _table(columns: dict[str, NDArray[np.generic]]) -> pa.Table:
     schema, count = SCHEMAS["samples"], len(columns["tick"])
+    columns = {**columns, RUN: np.full(count, NAME, dtype=object)}
     return pa.table(
         [_array(columns.get(field.name), field.type, count) for field in schema], schema=schema
     )
@@ -140,31 +146,32 @@ def seal(
     settings: Sequence[SettingRow] = (),
     counters: Sequence[CounterRow] = (),
     recipe: str = RECIPE,
+    run: str = NAME,
     **manifest: object,
 ) -> Path:
     """A sealed run folder below `out`; `manifest` replaces what its manifest says."""
-    folder = out / "20260921T141320Z-bench-k7qd"
+    folder = out / run
     (folder / "recipes").mkdir(parents=True)
     (folder / "recipes" / "tht.toml").write_text(recipe)
     (folder / "line.toml").write_text('[line]\nname = "bench"\n')
     told = [
-        dict(zip(EventRow._fields, event, strict=True), seq=seq, prev_sha256="0" * 64)
-        for seq, event in enumerate(events)
+        dict(zip(EventRow._fields, event, strict=True), prev_sha256="0" * 64) for event in events
     ]
     others = {
         "events": told,
         "settings": [row._asdict() for row in settings],
         "counters": [row._asdict() for row in counters],
     }
-    write_part(
-        folder,
-        "samples",
-        lambda: [rows[i : i + ROWS_A_GROUP] for i in range(0, rows.num_rows, ROWS_A_GROUP)],
-        0,
-    )
+    filled = {RUN: constant(run, len(rows)), SEQ: numbers_from(0, len(rows))}
+    for place, name in enumerate((RUN, SEQ)):
+        rows = rows.set_column(place, rows.schema.field(place), filled[name])
+    add_part(folder, "samples", rows)
     for name, lines in others.items():
-        piece = pa.Table.from_pylist([{**line, **_times(line)} for line in lines], SCHEMAS[name])
-        write_part(folder, name, lambda piece=piece: [piece] if piece.num_rows else [], 0)
+        numbered = [
+            {RUN: run, "seq": seq, **line, **_times(line)} for seq, line in enumerate(lines)
+        ]
+        piece = pa.Table.from_pylist(numbered, SCHEMAS[name])
+        add_part(folder, name, piece)
     complete(folder)
     write_manifest(folder, _manifest(folder, list(stations), recipe, manifest))
     return folder
@@ -190,8 +197,8 @@ def _manifest(
         state="sealed",
         exit_status="success",
         exit_code=0,
-        started=iso(micros(-2)),
-        ended=iso(micros(max(ends, default=0))),
+        start=iso(micros(-2)),
+        stop=iso(micros(max(ends, default=0))),
         t0_mono=5000.0,
         t0_utc=T0_UTC_S,
         line=LineFile("bench", "line.toml", "0" * 64),

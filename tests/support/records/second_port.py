@@ -30,7 +30,7 @@ def second_port() -> Series:
     seconds = clock.seconds(columns["tick"], utc_us)
     working = np.ones(len(seconds), dtype=np.bool_)
     block = Block(
-        seconds, columns["temperature_c"], columns["power_permille"], columns["set_c"], working
+        seconds, columns["temperature_c"], columns["power_permille"], columns["setpoint_c"], working
     )
     read_s = clock.read_s(seconds, utc_us, columns["late_us"], columns["scan_us"])
     return Series(block, working, PERIOD_S, rated_w=RATED_W, read_s=read_s)

@@ -31,9 +31,9 @@ from jbclog.core.rows import (
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
-from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
-from jbclog.record.seal import seal_rows
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.seal import seal_journal
 
 T0_UTC_S = 1_790_000_000.0
 T0_MONO_S = 5_000.0
@@ -93,7 +93,7 @@ class Port:
     number: int
     rng: random.Random
     has_feeder: bool = False
-    set_c: int = 350
+    setpoint_c: int = 350
     dropout_s: tuple[float, float] = (0.0, 0.0)
     alarm_s: tuple[float, float] = (0.0, 0.0)
     wander_c: float = 0.0
@@ -126,7 +126,7 @@ class Port:
         slow = {
             "alarm_high": 20,
             "port_error": 20,
-            "set_c": 50,
+            "setpoint_c": 50,
             "tool": 50,
             "transistor_c": 100,
             "delay_s": 100,
@@ -143,7 +143,7 @@ class Port:
         joint, back = phase < 1.5, 1.5 <= phase < 2.5
         fallen = 12 * phase if joint else 18 * (2.5 - phase) if back else 0.0
         hot = self.alarm_s[0] <= second < self.alarm_s[1]
-        temperature = self.set_c + self.wander_c - fallen + (40 if hot else 0)
+        temperature = self.setpoint_c + self.wander_c - fallen + (40 if hot else 0)
         power = self.rng.gauss(620 if joint else 290 if back else 130, 25)
         every: dict[str, dict[str, object]] = {
             "temperature_c": {"temperature_c": round(temperature)},
@@ -156,7 +156,7 @@ class Port:
             every["status"]["motor"] = "forward" if joint else "off"
         plain = {
             "port_error": 0,
-            "set_c": self.set_c,
+            "setpoint_c": self.setpoint_c,
             "tool": 2,
             "transistor_c": 31,
             "station_error": 0,
@@ -176,7 +176,7 @@ def make_ports(seed: int = 1) -> list[Port]:
     rng = random.Random(seed)
     return [
         Port("dde-1", 1, rng, alarm_s=(24.0, 30.0)),
-        Port("dde-1", 2, rng, set_c=330),
+        Port("dde-1", 2, rng, setpoint_c=330),
         Port("ale-1", 1, rng, has_feeder=True, dropout_s=(33.0, 36.0)),
     ]
 
@@ -192,7 +192,7 @@ def make_facts(ports: list[Port]) -> Iterator[StationFacts]:
             "8886000",
             1,
             ports=[port.number for port in mine],
-            tools={port.number: "T245/T470" for port in mine},
+            tool_names={port.number: "T245/T470" for port in mine},
             turnaround_us={"median": 1010.0, "p99": 1350.0, "n": 50},
             period_s=1 / HZ,
             recipe="recipes/tht.toml",
@@ -202,7 +202,7 @@ def make_facts(ports: list[Port]) -> Iterator[StationFacts]:
             touched=[port.number for port in mine],
             outcome="completed",
             safe_state={port.number: "verified" for port in mine},
-            last_temperature_c={port.number: float(port.set_c) for port in mine},
+            last_temperature_c={port.number: float(port.setpoint_c) for port in mine},
             outages=1 if name == "ale-1" else 0,
             alarms=1 if name == "dde-1" else 0,
         )
@@ -353,7 +353,7 @@ def begin(out: Path, seconds: float) -> tuple[Path, Manifest]:
     keep_text(folder, "recipes/tht.toml", RECIPE)
     manifest = Manifest(
         folder.name,
-        started=iso(micros(-2.0)),
+        start=iso(micros(-2.0)),
         t0_mono=T0_MONO_S,
         t0_utc=T0_UTC_S,
         line=LineFile("bench", "line.toml", sha256(LINE.encode()).hexdigest()),
@@ -370,7 +370,7 @@ def begin(out: Path, seconds: float) -> tuple[Path, Manifest]:
     return folder, manifest
 
 
-def fill(store: LiveStore, seconds: float, seed: int = 1) -> list[StationFacts]:
+def fill(store: RunJournal, seconds: float, seed: int = 1) -> list[StationFacts]:
     """Hand over everything that happened in `seconds`, in the order in which it did; give what is
     known of the stations.
     """
@@ -400,14 +400,14 @@ def fill(store: LiveStore, seconds: float, seed: int = 1) -> list[StationFacts]:
 def make_run(out: Path, seconds: float = 60.0, seed: int = 1) -> Path:
     """A sealed run of `seconds` below `out`."""
     folder, manifest = begin(out, seconds)
-    store = LiveStore(folder)
+    store = RunJournal(folder)
     store.start()
     stations = fill(store, seconds, seed)
     store.close()
     manifest.exit_status, manifest.exit_code = "success", 1
-    manifest.ended = iso(micros(seconds + 0.3))
+    manifest.stop = iso(micros(seconds + 0.3))
     write_manifest(folder, manifest)
-    seal_rows(folder)
+    seal_journal(folder)
     targets = {name: Targets(frozenset({1, 2, 3, 4}), None) for name in ("dde-1", "ale-1")}
     judgement = judge(
         Evidence(folder, stations, ledger_of(folder, stations), targets=targets),

@@ -7,6 +7,7 @@ verdict and most families.
 
 from __future__ import annotations
 
+import json
 import tarfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +23,6 @@ from support.virtual.lines import fault
 from support.virtual.recorded_run import RecordedRun
 
 HOME = Path(__file__).parents[2] / "data" / "verdicts"
-CUT_OFF = Path(__file__).parents[2] / "data" / "releases" / "after-0.1.0" / "open"
 PROFILES = Path(__file__).parents[3] / "profiles" / "recipes"
 EPOCH_S = 1_790_000_000.0
 
@@ -155,18 +155,120 @@ OMEGA_SIM = (
 )
 
 
+GAP = "\n[acceptance]\ncoverage_percent = 80\nlongest_gap_s = 5\n"
+ALARMS = "\n[acceptance]\nalarms_max = 0\n"
+MORE_RUNS = {
+    "rested": Wish(
+        "nae", _soldering("rested", WORKING, ASKED), 330.0, 4.0, "tool = 2\njoints_per_minute = 0"
+    ),
+    "alarm": Wish(
+        "dde",
+        _soldering("alarm", WORKING, ALARMS),
+        40.0,
+        4.0,
+        "tool = 2\n" + fault("overheat", at_s=20.0, for_s=8.0, port=1, by_c=30.0),
+    ),
+    "flags_not_read": Wish(
+        "dde",
+        _soldering("flags", WORKING, ALARMS),
+        20.0,
+        4.0,
+        "tool = 2\n" + fault("nak", command="alarm_flags"),
+    ),
+    "bare_figures": Wish(
+        "nae",
+        _soldering("bare", WORKING, ASKED + 'confidence = "none"\n'),
+        30.0,
+        4.0,
+        "tool = 2\njoints_per_minute = 0",
+    ),
+    "off_by_20": Wish(
+        "dde",
+        _soldering("off", WORKING, ASKED),
+        90.0,
+        4.0,
+        "tool = 2\njoints_per_minute = 0\nnoise_c = 9.0\n"
+        + fault("overheat", at_s=20.0, port=2, by_c=5.0),
+    ),
+    "gap": Wish(
+        "dde",
+        _soldering("gap", WORKING, GAP),
+        60.0,
+        4.0,
+        "tool = 2\n" + fault("dropout", at_s=25.0, for_s=7.0),
+    ),
+    "short_gap": Wish(
+        "dde",
+        _soldering("short", WORKING, GAP),
+        60.0,
+        4.0,
+        "tool = 2\n" + fault("dropout", at_s=25.0, for_s=1.0),
+    ),
+    "gone": Wish(
+        "dde",
+        _soldering("gone", WORKING, ONLY_COVERAGE),
+        20.0,
+        4.0,
+        "tool = 2\n" + fault("dropout", at_s=10.0, for_s=500.0),
+    ),
+    "no_robot_mode": Wish(
+        "dde", _soldering("robot", WORKING, ONLY_COVERAGE), 10.0, 4.0, "robot_mode = false"
+    ),
+    "no_tool_in_port_2": Wish(
+        "dde",
+        _soldering("tool", WORKING + "require_tool = false\n", ONLY_COVERAGE),
+        30.0,
+        4.0,
+        "tools = {1 = 2, 2 = 0}",
+    ),
+    "not_verified": Wish(
+        "dde",
+        _soldering("verified", WORKING, "\n[acceptance]\nverification_days = 30\n"),
+        20.0,
+        4.0,
+        "tool = 2",
+    ),
+    "recovery": Wish(
+        "dde",
+        _soldering(
+            "recovery",
+            WORKING,
+            "\n[acceptance]\nrecovery_p95_s = 4\nrecovered_before_next_percent = 90\n",
+        ),
+        240.0,
+        5.0,
+        "tool = 2\njoints_per_minute = 20",
+    ),
+    "restarted": Wish(
+        "dde",
+        _soldering("restarted", WORKING, ONLY_COVERAGE),
+        40.0,
+        4.0,
+        "tool = 2\n" + fault("restart", at_s=20.0, for_s=3.0),
+    ),
+    "setting_not_taken": Wish(
+        "dde",
+        _soldering("setting", WORKING, ONLY_COVERAGE).replace("delay_min = 5", "delay_min = 4"),
+        20.0,
+        4.0,
+        "tool = 2\n" + fault("nak", command="sleep_delay", only="write"),
+    ),
+    "stuck_cold": Wish(
+        "dde",
+        _soldering("stuck", WORKING, ONLY_COVERAGE),
+        48.5,
+        4.0,
+        "tool = 2\n" + fault("stuck", at_s=0.0, port=1),
+    ),
+}
+"""Runs for rules and results that none of `RUNS` has."""
+
+
 def record(name: str, home: Path) -> Path:
-    """Record one of `RUNS` below `home`; give its folder."""
-    request = RUNS[name]
-    sim = request.sim or (OMEGA_SIM if request.family == "omega" else "")
-    line, recipe = home / "line.toml", home / f"{name}.toml"
-    line.write_text('[line]\nname = "bench"\n' + STATION.format(family=request.family, sim=sim))
-    recipe.write_text(request.recipe)
-    said = Metadata("M. Weber", "WO-88123", "PCB-4711 rev C", ("SN-001",), {"shift": "B"})
-    plan = make_plan(
-        RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=said)
-    )
-    folder = RecordedRun(plan, home / "runs", StallingClock(request.stalls_s, 0.6)).result.folder
+    """Record one of `RUNS` or `MORE_RUNS` below `home`; give its folder, with a note and, where it
+    has one, a report.
+    """
+    request, folder = (RUNS | MORE_RUNS)[name], judge_new(name, home)
     append(
         folder,
         who="A. Rossi",
@@ -179,6 +281,20 @@ def record(name: str, home: Path) -> Path:
     return folder
 
 
+def judge_new(name: str, home: Path) -> Path:
+    """Record and judge one of `RUNS` or `MORE_RUNS` below `home`; give its folder."""
+    request = (RUNS | MORE_RUNS)[name]
+    sim = request.sim or (OMEGA_SIM if request.family == "omega" else "")
+    line, recipe = home / "line.toml", home / f"{name}.toml"
+    line.write_text('[line]\nname = "bench"\n' + STATION.format(family=request.family, sim=sim))
+    recipe.write_text(request.recipe)
+    said = Metadata("M. Weber", "WO-88123", "PCB-4711 rev C", ("SN-001",), {"shift": "B"})
+    plan = make_plan(
+        RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=said)
+    )
+    return RecordedRun(plan, home / "runs", StallingClock(request.stalls_s, 0.6)).result.folder
+
+
 def judged(folder: Path) -> dict[str, object]:
     """Its verdict and the result of each rule, as its manifest says."""
     manifest = read_manifest(folder)
@@ -187,6 +303,19 @@ def judged(folder: Path) -> dict[str, object]:
         for rule in manifest.verdict_rules
     ]
     return {"verdict": manifest.verdict, "exit_code": manifest.exit_code, "rules": rules}
+
+
+def rules_text(folder: Path) -> str:
+    """The verdict, and a rule a line. Figures have the digits that each computer gives alike."""
+    manifest = read_manifest(folder)
+    lines = [f"{manifest.verdict}, exit code {manifest.exit_code}"]
+    for rule in manifest.verdict_rules:
+        figures = {
+            key: float(f"{value:.6g}") if isinstance(value, float) else value
+            for key, value in rule.items()
+        }
+        lines.append(json.dumps(figures, ensure_ascii=False))
+    return "\n".join(lines) + "\n"
 
 
 def unpack(archive: Path, out: Path) -> Path:

@@ -7,8 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from jbclog.app.audit.questions import SurveyTarget
-from jbclog.maintenance.counter_totals.observed import Count, Observation
+from support.product import CounterCount, Observation, SurveyTarget
 from support.virtual.manual import Bench
 
 AUDIT: Final = "2026-11-21T06:17:00.000+00:00"
@@ -23,6 +22,6 @@ def wanted(bench: Bench) -> list[SurveyTarget]:
     return [SurveyTarget(AUDIT, "hand", bench.target(name)) for name in bench.wires]
 
 
-def count(seen: Observation, counter: str, port: int = 1) -> Count:
+def count(seen: Observation, counter: str, port: int = 1) -> CounterCount:
     """That counter of that port."""
     return next(one for one in seen.counts if (one.port, one.counter) == (port, counter))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from jbclog.sim.virtual import VirtualStation
 from support.golden.form import framed
+from support.product import VirtualStation
 
 T0 = 1000.0
 

@@ -7,18 +7,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from jbclog.app.replay import Recording, open_recording, plan_of, reproduce
-from jbclog.app.run.tasks import station_tasks
-from jbclog.core.capture_rows import LinkRow, ResultRow
-from jbclog.core.clock import UtcOffset, VirtualClock
-from jbclog.core.io_requests import Steps
-from jbclog.core.rows import StationFacts
-from jbclog.record.capture import Head
-from jbclog.record.capture_recorder import Keep, WireRecorder
-from jbclog.record.manifest import Manifest, write_manifest
-from jbclog.session.run.context import SessionContext, StationTask
-from jbclog.transport.session_history import Divergence, captured
-from jbclog.transport.virtual import Peer
+from support.product import (
+    Divergence,
+    Head,
+    KeepCaptureRow,
+    LinkRow,
+    Peer,
+    ResultRow,
+    StationFacts,
+    StationTask,
+    Steps,
+    VirtualClock,
+    WireRecorder,
+    captured_steps,
+    open_capture,
+    run_captured_again,
+    seal_capture,
+)
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, prepare
 
 RECIPE_FILE = "recipe.toml"
@@ -30,7 +35,7 @@ class TapedCable:
     would.
     """
 
-    def __init__(self, cable: Peer, keep: Keep) -> None:
+    def __init__(self, cable: Peer, keep: KeepCaptureRow) -> None:
         self._cable = cable
         self._keep = keep
         self._coming: list[tuple[float, bytes]] = []
@@ -69,24 +74,24 @@ def recorded(
     *,
     allow_omega_write: bool = False,
 ) -> VirtualRun:
-    """Run to the end, and have the wires in `folder`, with line file and recipe. `arrange` sees the
-    run before it goes.
+    """Run to the end, and have the sealed capture in `folder`, with line file and recipe. `arrange`
+    sees the run before it goes.
     """
     (folder / "recipes").mkdir(parents=True)
     (folder / "line.toml").write_text(line)
     (folder / "recipes" / RECIPE_FILE).write_text(recipe)
-    wires, clock = WireRecorder(folder), VirtualClock()
+    wire, clock = WireRecorder(folder), VirtualClock()
 
     def pulled(
         order: StationTask, session: Steps[StationFacts], cable: Peer
     ) -> tuple[Steps[StationFacts], Peer]:
         given = order.duration_s, order.rate, order.allow_omega_write
         head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), *given)
-        taped = TapedCable(cable, wires.begin(head))
-        return captured(session, taped.told, lambda: run.driver.clock.monotonic()), taped
+        taped = TapedCable(cable, wire.begin(head))
+        return captured_steps(session, taped.told, lambda: run.driver.clock.monotonic()), taped
 
     def write() -> None:
-        wires.write()
+        wire.write()
         run.driver.at(run.driver.clock.monotonic() + WRITE_EVERY_S, write)
 
     run = prepare(
@@ -95,36 +100,20 @@ def recorded(
     write()
     arrange(run)
     run.go()
-    wires.close()
-    assert wires.troubles() == []
+    wire.close()
+    assert wire.trouble is None
+    seal_capture(folder)
     return run
-
-
-def kept(folder: Path, line: str, **keys: object) -> Memory:
-    """A run with its wires and its manifest in `folder`; what it told."""
-    run = recorded(folder, line, **keys)  # type: ignore[arg-type]
-    write_manifest(
-        folder,
-        Manifest(
-            folder.name,
-            state="sealed",
-            stations=[context.facts for context in run.contexts.values()],
-        ),
-    )
-    return run.memory
 
 
 def relived(folder: Path) -> tuple[Memory, dict[str, Divergence]]:
     """A recorded run once more: what its sessions tell, and where they left the recording, if they
     did.
     """
-    recording = open_recording(folder)
-    memory, clock = Memory(), VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
-    return memory, reproduce(recording, desks_of(recording, memory, clock), clock)
-
-
-def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[SessionContext]:
-    return [
-        SessionContext(order, memory, UtcOffset(clock))
-        for order in station_tasks(plan_of(recording), clock.monotonic())
-    ]
+    captured = open_capture(folder)
+    memory, left = Memory(), dict[str, Divergence]()
+    for station in captured.heads:
+        _, divergence = run_captured_again(captured, station, memory)
+        if divergence is not None:
+            left[station] = divergence
+    return memory, left

@@ -4,8 +4,7 @@ station, odd answers.
 
 from __future__ import annotations
 
-from jbclog.core.rows import COLUMN, EventRow
-from jbclog.sim.hotair import AirModel, AirStation
+from support.product import COLUMN, AirModel, AirStation, EventRow
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 

@@ -14,15 +14,18 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from jbclog.app import connection
-from jbclog.app.port_access import PortAccess
-from jbclog.cli.app import app
-from jbclog.config.line import StationSpec, parse_line
-from jbclog.core.clock import VirtualClock
-from jbclog.core.serial_line import LineFormat
-from jbclog.session.manual.contact import Target
-from jbclog.sim.setup import virtual_station
 from support.clients.talk import framed
+from support.product import (
+    LineFormat,
+    ManualTarget,
+    PortAccess,
+    StationSpec,
+    VirtualClock,
+    command_line,
+    parse_line,
+    target_in,
+    virtual_station,
+)
 from support.virtual.answers import let_say
 
 LINE = '[line]\nname = "hand"\n'
@@ -53,7 +56,7 @@ class Wire:
     @property
     def texts(self) -> list[str]:
         """What it was asked, without frame and addresses: ``RTT1``."""
-        return [_text(data) for data in self.heard]
+        return [text_of(data) for data in self.heard]
 
     @property
     def writes(self) -> list[str]:
@@ -62,14 +65,15 @@ class Wire:
     def take(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         """Put a question on the wire; what comes back, and when."""
         self.heard.append(data)
-        text = _text(data)
+        text = text_of(data)
         self.watch(text)
         if text.startswith(self.only_acknowledged):
             return [(now, framed("A" + text[1:4]))]
         return [(reply.at, reply.data) for reply in self.station.receive(data, now)]
 
 
-def _text(frame: bytes) -> str:
+def text_of(frame: bytes) -> str:
+    """A question without frame and addresses: ``RTT1``."""
     # one byte behind ETX, or two of OMEGA's
     body = frame[1 : -2 if frame[-2] == 0x03 else -3].decode()
     return body[4:] if body[:4].isdigit() else body
@@ -139,8 +143,8 @@ class Bench:
         wire.opened += 1
         return MemoryPort(url, wire, self.clock)
 
-    def target(self, name: str) -> Target:
-        return connection.target_in(self.line, name)
+    def target(self, name: str) -> ManualTarget:
+        return target_in(self.line, name)
 
     def do(self, *words: str) -> Ended:
         """Call the program with this line file."""
@@ -152,7 +156,7 @@ class Bench:
         """
         if len(words) == 1:
             words = tuple(shlex.split(words[0])[1:])
-        ended = CliRunner().invoke(app, list(words), obj=self.access)
+        ended = CliRunner().invoke(command_line, list(words), obj=self.access)
         if ended.exception is not None and not isinstance(ended.exception, SystemExit):
             raise ended.exception
         return Ended(ended.exit_code, ended.stdout, ended.stderr)

@@ -10,21 +10,31 @@ from typing import Any
 
 import pytest
 
-from jbclog.app.run import run_record
-from jbclog.app.run.options import RunOptions
-from jbclog.app.run.plan import Plan, make_plan
-from jbclog.app.run.run_record import Result, RunRecord
-from jbclog.core.clock import VirtualClock
-from jbclog.core.goal import Goal
-from jbclog.core.locks import FolderLock
-from jbclog.core.rows import EventRow
-from jbclog.record.seal import seal_rows
-from jbclog.session.run.context import SessionContext
-from jbclog.session.run.station_run import run_station
-from jbclog.sim.omega import VirtualOmega
-from jbclog.sim.setup import virtual_station
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.virtual import VirtualDriver
+from support.product import (
+    EventRow,
+    Exit,
+    FolderLock,
+    Goal,
+    Head,
+    Observer,
+    RunOptions,
+    RunPlan,
+    RunRecord,
+    RunResult,
+    SessionContext,
+    VirtualClock,
+    VirtualDriver,
+    VirtualOmega,
+    VirtualStation,
+    WireRecorder,
+    captured_steps,
+    make_plan,
+    patch,
+    run_station,
+    seal,
+    virtual_station,
+)
+from support.virtual.captured_run import TapedCable
 from support.virtual.virtual_run import RECIPE
 
 
@@ -43,35 +53,46 @@ class Nobody:
 class RecordedRun:
     """What is left of it: the run's folder with everything in it, and the stations' own memory.
 
-    `meanwhile` may plan what happens during the run.
+    `meanwhile` may plan what happens during the run, `cut_short` is how it is then cut short.
     """
 
     def __init__(
         self,
-        plan: Plan,
+        plan: RunPlan,
         out: Path,
         clock: VirtualClock | None = None,
         meanwhile: Callable[[RunRecord, VirtualDriver], None] = lambda _record, _driver: None,
+        observer: Observer | None = None,
+        cut_short: Exit | None = None,
     ) -> None:
         clock = clock or VirtualClock()
-        papers, driver = (
-            RunRecord(plan, out, Nobody(), clock, seal_every_s=None),
-            VirtualDriver(clock),
-        )
+        papers = RunRecord(plan, out, observer or Nobody(), clock, seal_every_s=None)
+        driver = VirtualDriver(clock)
         self.stations: dict[str, VirtualStation | VirtualOmega] = {}
         papers.begin()
+        wire = WireRecorder(papers.folder) if plan.wanted.wire else None
         for station, context in zip(plan.stations, papers.contexts, strict=True):
             virtual = virtual_station(station.spec, now=clock.monotonic())
             self.stations[station.spec.name] = virtual
-            driver.add(run_station(context), virtual)
+            if wire is None:
+                driver.add(run_station(context), virtual)
+            else:
+                order = context.order
+                given = order.duration_s, order.rate, order.allow_omega_write, order.may_be_missing
+                begin = order.name, order.url, order.recipe_file, order.t0, clock.utc()
+                taped = TapedCable(virtual, wire.begin(Head(*begin, *given)))
+                driver.add(captured_steps(run_station(context), taped.told, clock.monotonic), taped)
         meanwhile(papers, driver)
         driver.run()
-        self.result: Result = papers.conclude(_sealed_here(papers))
+        if wire is not None:
+            wire.close()
+            papers.manifest.wire = wire.trouble or "whole"
+        self.result: RunResult = papers.conclude(_sealed_here(papers), cut_short)
 
 
 def plan_in(
     home: Path, line: str, recipe: str = RECIPE, duration_s: float | None = None, **options: Any
-) -> Plan:
+) -> RunPlan:
     """The plan of a run by these texts, written into `home`; `options` of `RunOptions`."""
     (home / "line.toml").write_text(line, encoding="utf-8")
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
@@ -90,10 +111,10 @@ def run_in(
 
 def _sealed_here(papers: RunRecord) -> str | None:
     """Closed and sealed; a child process would take a second for it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_record, "seal_in_child", _seal)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        patch(monkeypatch, "run_record.seal_in_child", _seal)
         return papers.close()
 
 
 def _seal(folder: Path, _lock: FolderLock) -> None:
-    seal_rows(folder)
+    seal(folder)

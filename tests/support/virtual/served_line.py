@@ -10,17 +10,22 @@ from pathlib import Path
 from threading import Thread
 from typing import Self
 
-from jbclog.config.line import load_line
-from jbclog.core.quantities import Value
-from jbclog.protocol.commands.status import STAND
-from jbclog.sim.device import AcceptedWrite
-from jbclog.sim.port import STAND as STANDING
-from jbclog.sim.port import WORKING, SimPort
-from jbclog.sim.serve import ByteLog, Server
-from jbclog.sim.setup import SERVED_LINE, set_up
-from jbclog.sim.soldering import SolderingModel
-from jbclog.sim.virtual import VirtualStation
 from support.command import recipe_text
+from support.product import (
+    SERVED_LINE,
+    SIM_STAND,
+    SIM_WORKING,
+    STAND,
+    AcceptedWrite,
+    ByteLog,
+    SimPort,
+    SimServer,
+    SolderingModel,
+    Value,
+    VirtualStation,
+    load_line,
+    set_up_sim,
+)
 
 FOUR_TOOLS = """
 [line]
@@ -132,16 +137,16 @@ class ServedLine:
         self._line = load_line(source)
         self.stations: dict[str, VirtualStation] = {}
         self._wire_file = ByteLog(self.log) if self.log else None
-        self._server: Server | None = None
+        self._server: SimServer | None = None
         self._thread: Thread | None = None
 
     def __enter__(self) -> Self:
         now = time.monotonic()
         self.stations = {spec.name: VirtualStation(spec, now=now) for spec in self._line.stations}
         for port in self.tools():
-            port.order(STANDING, False)
+            port.order(SIM_STAND, False)
             port.tip.temperature_c = HOT_C  # a robot waits for a hot tip
-        self._server = set_up(
+        self._server = set_up_sim(
             self._line, self.path.parent, None, self._wire_file, list(self.stations.values())
         )
         self._thread = Thread(target=self._server.run, name="virtual-stations", daemon=True)
@@ -197,5 +202,5 @@ class ServedLine:
     def at_work(self) -> int:
         """How many tools are at work now."""
         return sum(
-            port.doing.state == WORKING and not port.doing.extractor for port in self.tools()
+            port.doing.state == SIM_WORKING and not port.doing.extractor for port in self.tools()
         )

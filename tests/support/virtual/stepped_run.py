@@ -9,11 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jbclog.app.run.recorder import Recorder
-from jbclog.app.run.run_record import RunRecord
-from jbclog.core.clock import VirtualClock
-from jbclog.core.rows import EventRow, Severity
-from jbclog.transport.virtual import VirtualDriver
+from support.product import EventRow, RunRecord, RunRecorder, Severity, VirtualClock, VirtualDriver
 from support.virtual.recorded_run import RecordedRun, plan_in
 from support.virtual.virtual_run import RECIPE, line_text
 
@@ -53,7 +49,7 @@ def stepped_run(
 
     def meanwhile(record: RunRecord, driver: VirtualDriver) -> None:
         begin = clock.monotonic()
-        recorder = object.__new__(Recorder)
+        recorder = object.__new__(RunRecorder)
         recorder.__dict__.update(_clock=clock, _run_record=record, _note=record.note)
         for second, size in steps.items():
             driver.at(begin + second, partial(clock.step, size))

@@ -15,12 +15,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from jbclog.config.line import load_line
-from jbclog.sim.omega import VirtualOmega
-from jbclog.sim.process import SimProcess
-from jbclog.sim.setup import SERVED_LINE, set_up, virtual_station
-from jbclog.sim.virtual import Reply, VirtualStation
 from support import program
+from support.product import (
+    SERVED_LINE,
+    Reply,
+    SimProcess,
+    VirtualOmega,
+    VirtualStation,
+    load_line,
+    set_up_sim,
+    virtual_station,
+)
 from support.virtual.virtual_run import Heard, Tap
 
 
@@ -73,7 +78,7 @@ def main() -> None:
         [spec for part in parts or [path] for spec in load_line(part).stations],
         monotonic(),
     )
-    server = set_up(
+    server = set_up_sim(
         load_line(path),
         folder,
         stations=[Tapped(virtual_station(spec, now=now), notes) for spec in specs],

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from weakref import finalize
 
-from jbclog.config.line import StationSpec, parse_line
-from jbclog.config.load_recipe import parse_recipe
-from jbclog.config.recipe import Recipe
-from jbclog.core.clock import UtcOffset, VirtualClock
-from jbclog.core.io_requests import Steps
-from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import SessionContext, StationTask
-from jbclog.session.run.station_run import run_station
-from jbclog.sim.omega import VirtualOmega
-from jbclog.sim.setup import virtual_station
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.virtual import Peer, VirtualDriver
+from support.product import (
+    COLUMN,
+    FAMILIES,
+    CounterRow,
+    EventRow,
+    Peer,
+    Recipe,
+    SampleRow,
+    Session,
+    SettingRow,
+    StationFacts,
+    StationSpec,
+    StationTask,
+    Steps,
+    VirtualClock,
+    VirtualDriver,
+    VirtualOmega,
+    VirtualStation,
+    parse_line,
+    parse_recipe,
+    virtual_station,
+)
 
 RECIPE = """
 [recipe]
@@ -157,7 +168,7 @@ class VirtualRun:
     memory: Memory
     stations: dict[str, VirtualStation | VirtualOmega]
     driver: VirtualDriver
-    contexts: dict[str, SessionContext]
+    contexts: dict[str, Session]
     taps: dict[str, Tap] = field(default_factory=dict)
     t0: float = 0.0  # the run's zero on the monotonic clock
 
@@ -222,18 +233,30 @@ def prepare(
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock, allow_missing=allow_missing)
     stations, contexts, taps, t0 = {}, {}, {}, clock.monotonic()
-    loaded = parse_recipe(recipe)
+    loaded, sessions = parse_recipe(recipe), list[Steps[StationFacts]]()
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:
         station = virtual_station(spec, now=clock.monotonic())
         order = order_for(
             spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write
         )
         order = replace(order, may_be_missing=allow_missing)
-        context = SessionContext(order, memory, UtcOffset(clock))
+        context = Session(order, memory, clock)
         taps[spec.name] = Tap(station)
-        driver.add(*pulled(order, run_station(context), taps[spec.name]), spec.name)
+        session = context.steps()
+        around, cable = pulled(order, session, taps[spec.name])
+        driver.add(around, cable, spec.name)
+        sessions += [session, around]
         stations[spec.name], contexts[spec.name] = station, context
-    return VirtualRun(memory, stations, driver, contexts, taps, t0)
+    run = VirtualRun(memory, stations, driver, contexts, taps, t0)
+    finalize(run, _close_unbegun, sessions)
+    return run
+
+
+def _close_unbegun(sessions: Iterable[Steps[StationFacts]]) -> None:
+    """Close the sessions of a run that nobody let go; a coroutine that is never awaited warns."""
+    for session in sessions:
+        if inspect.getcoroutinestate(session) == inspect.CORO_CREATED:
+            session.close()
 
 
 def order_for(

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from jbclog.analysis.alarms.state_machine import Detector
+from jbclog.analysis.derived_schemas import ALARMS_SCHEMA
 from jbclog.analysis.run import open_run
-from jbclog.analysis.run_alarms import TABLE
 from jbclog.record.annotations import append, read
 from support.invoked import invoked
 from support.records import small_run
@@ -59,22 +59,22 @@ def test_a_run_as_it_is_recorded(hot: Path) -> None:
 
 
 def test_the_table_has_its_columns_and_their_types(hot: Path) -> None:
-    table = open_run(hot).alarms()
-    assert list(table.columns) == list(TABLE)
+    table = open_run(hot).alarms(witnesses=True)
+    assert list(table.columns) == ALARMS_SCHEMA.names
     assert len(table) == 6
-    assert str(table["onset"].dtype) == "datetime64[us, UTC]"
-    assert table["seconds"].dtype == "Float64"
-    assert (table["onset_earliest"] <= table["onset"]).all()
+    assert str(table["start"].dtype) == "datetime64[us, UTC]"
+    assert table["seconds"].dtype == "float64"
+    assert (table["start_earliest"] <= table["start"]).all()
     assert table["acknowledged_by"].isna().all()
 
 
 def test_a_run_without_alarms_has_the_same_columns(tmp_path: Path) -> None:
-    none = open_run(recorded(Series().add(350, times=20), tmp_path / "none")).alarms()
-    some = open_run(
-        recorded(Series().add(350, times=20).add(395, times=20), tmp_path / "some")
-    ).alarms()
-    assert (len(none), len(some)) == (0, 2)
-    assert list(none.dtypes.items()) == list(some.dtypes.items())
+    none = open_run(recorded(Series().add(350, times=20), tmp_path / "none"))
+    some = open_run(recorded(Series().add(350, times=20).add(395, times=20), tmp_path / "some"))
+    for witnesses, count in ((False, 1), (True, 2)):
+        rows, no_rows = (run.alarms(witnesses=witnesses) for run in (some, none))
+        assert (len(no_rows), len(rows)) == (0, count)
+        assert list(no_rows.dtypes.items()) == list(rows.dtypes.items())
 
 
 @pytest.mark.parametrize("rate", ["0.5", "10", "max"])
@@ -139,10 +139,11 @@ def test_nor_one_that_was_stepped_before_the_first_row(tmp_path: Path, seconds: 
 def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
     series = Series().add(350, times=20).add(395, times=20)
     with being_recorded(series, tmp_path) as (folder, _):
-        table = open_run(folder).alarms()
+        table = open_run(folder).alarms(witnesses=True)
     assert list(table["state"]) == ["active", "active"]
     # the recorder is gone, nothing is sealed
-    assert list(open_run(folder).alarms()["episode"]) == list(table["episode"])
+    again = open_run(folder).alarms(witnesses=True)
+    assert list(again["episode"]) == list(table["episode"])
 
 
 def test_an_episode_that_the_recorder_did_not_log_is_a_finding(
@@ -201,7 +202,7 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     assert [(one.kind, one.who, one.what, one.why) for one in read(folder).said] == [
         ("alarm.acknowledged", "A. Rossi", name, "hot air near the tip")
     ]
-    table = open_run(folder).alarms()
+    table = open_run(folder).alarms(witnesses=True)
     assert list(table["acknowledged_by"]) == ["A. Rossi"] * 3  # the whole incident
     assert pd.notna(table["acknowledged_at"]).all()
     shown = jbclog("alarms", folder)
@@ -210,7 +211,7 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     assert "; one in " not in shown.out  # one alarm gives no mean time between alarms
     assert "; 1 acknowledged, 50 % within " in shown.out
     facts = json.loads(jbclog("alarms", folder, "--json").out)["figures"]
-    waited = open_run(folder).alarms().set_index("detector").loc["B"]
+    waited = open_run(folder).alarms(witnesses=True).set_index("detector").loc["B"]
     seconds = (waited["acknowledged_at"] - waited["raised"]).total_seconds()
     assert {one["detector"]: one["ack_p50"]["n"] for one in facts} == {"A": 1, "B": 1, "C": 1}
     assert next(
@@ -293,5 +294,27 @@ def test_events_of_an_unknown_severity_count_like_others(tmp_path: Path, kind: s
     for severity in ("warning", "grave"):
         told = alarm(26)._replace(kind=kind, severity=severity)  # type: ignore[arg-type]
         run = seal(tmp_path / severity, [station(rows=600)], table(samples(600)), [told])
-        found.append(open_run(run).alarms().drop(columns="episode"))
+        found.append(open_run(run).alarms(witnesses=True).drop(columns="episode"))
     pd.testing.assert_frame_equal(*found)
+
+
+def test_each_alarm_is_one_row_of_the_detector_that_describes_it(hot: Path) -> None:
+    run = open_run(hot)
+    alarms, every = run.alarms(), run.alarms(witnesses=True)
+    assert list(alarms["detector"]) == ["B", "B"]
+    assert list(alarms["incident"]) == [1, 2]
+    assert list(alarms["witnesses"]) == ["A, B, C", "A, B, C"]
+    assert list(alarms.columns) == list(every.columns)
+    pd.testing.assert_frame_equal(alarms, every[every["main"]].reset_index(drop=True))
+    assert every.groupby("incident")["main"].sum().tolist() == [1, 1]
+
+
+def test_an_excursion_is_no_alarm_and_is_among_the_witnesses(tmp_path: Path) -> None:
+    series = Series().change("alarm_high_delay", "2.00 s")
+    series = series.add(350, times=20).add(395, times=3).add(350, times=20)
+    run = open_run(recorded(series, tmp_path))
+    assert len(run.alarms()) == 0
+    every = run.alarms(witnesses=True)
+    assert list(every["detector"]) == ["C"]
+    assert not every["main"].any()
+    assert len(run.alarms("dde-1", 1, witnesses=True)) == 1

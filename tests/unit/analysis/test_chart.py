@@ -24,9 +24,9 @@ from jbclog.analysis.charts import (
 )
 from jbclog.analysis.control_limits import learn
 from jbclog.analysis.count_charts import loss_counts, ranked
+from jbclog.analysis.derived_schemas import JOINTS_SCHEMA
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.record.manifest import read_manifest, write_manifest
 from support.invoked import invoked
 from support.records.many_runs import many_runs, one_run
@@ -322,7 +322,7 @@ def test_rejects_by_day(tmp_path: Path) -> None:
         manifest = read_manifest(folder)
         day = f"2026-09-{10 + number}T06:00:00.000000Z"
         write_manifest(
-            folder, replace(manifest, verdict="REJECT" if number == 4 else "ACCEPT", started=day)
+            folder, replace(manifest, verdict="REJECT" if number == 4 else "ACCEPT", start=day)
         )
     found = json.loads(invoked("chart", tmp_path, "-m", "rejects", "--json").stdout)["charts"][0]
     assert (sum(found["counts"]), sum(found["sizes"]), found["names"][4]) == (

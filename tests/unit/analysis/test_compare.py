@@ -21,7 +21,7 @@ from support.records import few_rows, small_run
 from support.records.many_runs import one_run, told
 from support.records.sealed_run import RECIPE, limit
 
-ROWS = 1200
+ROWS = 6400
 
 
 @pytest.fixture(scope="module")

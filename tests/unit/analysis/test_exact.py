@@ -43,7 +43,7 @@ def test_equal_metrics_differ_by_nothing() -> None:
 
         def metrics(self) -> pd.DataFrame:
             names = [
-                {"station": "ale-1", "port": 1, "metric": name, "unit": "mm/s"}
+                {"station": "ale-1", "port": 1, "metric": name, "uom": "mm/s"}
                 for name in ("wire_speed_mm_s", "other")
             ]
             return pd.DataFrame(

@@ -7,27 +7,26 @@ from __future__ import annotations
 import time
 import tracemalloc
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import nan
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from jbclog.analysis import run_metrics
-from jbclog.analysis.joints import values
-from jbclog.analysis.joints.port_reader import raw_series
+from jbclog.analysis.joints import port_reader, values
+from jbclog.analysis.joints.port_reader import PortReader, raw_series
 from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of
 from jbclog.analysis.joints.windows import Windows, placed
 from jbclog.analysis.metrics.measures import PortFigures, measure_port
+from jbclog.analysis.port_data import Floats
 from jbclog.analysis.run_metrics import joints_and_metrics
-from jbclog.analysis.verdict.idle import Floats
-from support.records.long_run import LongRun
+from jbclog.core.rows import PortKey
+from support.records.long_run import LongRun, MadeSamples
 from support.records.made_series import line, made, rest, steps
 
 THREE_HOURS_S, HALF_A_DAY_S, TWO_DAYS_S = 10_800.0, 43_200.0, 172_800.0
-MOST_BYTES, MOST_BYTES_AT_10_HZ = 2e6, 20e6
+MOST_BYTES, MOST_BYTES_AT_10_HZ = 20e6, 20e6  # the slopes between all pairs of means of rest
 BYTES_A_JOINT = 250.0
 BYTES_A_SECOND = 3.0  # the mean of each 10 s of idling is kept
 
@@ -48,19 +47,19 @@ def test_the_figures_are_those_of_the_whole_record(
     seconds = 2500.0
     known = whole(LongRun(seconds, hz, family, is_free, group=1_000_000))
     for most_rows, most_kept, group in ((1, 1000, 777), (1_000_000, 50_000, 12_345)):
-        monkeypatch.setattr(run_metrics, "MOST_ROWS", most_rows)
+        monkeypatch.setattr(port_reader, "MOST_ROWS", most_rows)
         monkeypatch.setattr(values, "MOST_KEPT", most_kept)
-        joints, metrics, _ = joints_and_metrics(LongRun(seconds, hz, family, is_free, group))
+        joints, metrics, *_ = joints_and_metrics(LongRun(seconds, hz, family, is_free, group))
         for row in metrics:
-            value, n, coverage, why = known[str(row["metric"])]
-            assert (row["n"], row["coverage"], row["why"]) == (
+            value, n, coverage, why = known[row.metric]
+            assert (row.n, row.coverage, row.why) == (
                 n,
                 pytest.approx(coverage, nan_ok=True),
                 why,
             ), row
-            assert (row["value"] is None) == (value is None)
+            assert (row.value is None) == (value is None)
             assert (
-                row["value"] == pytest.approx(value, rel=1e-6, abs=1e-9, nan_ok=True)
+                row.value == pytest.approx(value, rel=1e-6, abs=1e-9, nan_ok=True)
                 if value is not None
                 else True
             )
@@ -107,12 +106,12 @@ def test_values_are_the_same_as_they_are_and_as_they_are_counted(
 def test_a_joint_has_the_time_of_the_row_next_to_it(
     is_free: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    monkeypatch.setattr(port_reader, "MOST_ROWS", 1)
     run = LongRun(1500.0, 10.0, is_free=is_free, group=999)
     joints = joints_and_metrics(run)[0]
     rows = [group["time"].cast("int64").to_numpy() for group in run.groups("samples", ["time"])]
     seconds = (np.concatenate(rows) - (run.manifest.t0_utc_us or 0)) / 1e6
-    for name in ("start", "end"):
+    for name in ("start", "stop"):
         place = np.searchsorted(seconds, joints[f"{name}_s"].to_numpy() - 1e-5)
         assert (joints[name].cast("int64").to_numpy() == np.concatenate(rows)[place]).all()
 
@@ -121,64 +120,33 @@ def test_a_sweep_reads_the_motor_only_where_there_is_a_feeder(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A week is decoded four times."""
-    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
-    run, asked = LongRun(600.0, 10.0), list[list[str]]()
-    groups = run.groups
+    monkeypatch.setattr(port_reader, "MOST_ROWS", 1)
+    asked: list[Sequence[str]] = []
+    rows = MadeSamples.rows
 
-    def noted(table: str, columns: list[str], **how: Any) -> Iterator[pa.Table]:
+    def noted(samples: MadeSamples, key: PortKey, columns: Sequence[str]) -> Iterator[pa.Table]:
         asked.append(columns)
-        return groups(table, columns, **how)
+        return rows(samples, key, columns)
 
-    monkeypatch.setattr(run, "groups", noted)
-    joints_and_metrics(run)
+    monkeypatch.setattr(MadeSamples, "rows", noted)
+    joints_and_metrics(LongRun(600.0, 10.0))
     sweeps = [columns for columns in asked if "temperature_c" in columns]
     assert [set(COLUMNS) - set(columns) for columns in sweeps] == 4 * [{"motor"}]
 
 
-def test_of_a_long_run_a_model_s_pieces_are_read_and_nothing_between_them(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(("most_rows", "most_alive"), [(6000, 12), (3000, 6)])
+def test_the_rows_of_a_port_are_kept_unless_they_are_too_many(
+    most_rows: int, most_alive: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A model comes from twenty minutes, however long the run is; what is found is the same as if
-    each sweep read all.
-    """
-    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
-    run, read = LongRun(HALF_A_DAY_S, 5.0, group=500), dict[int, int]()
-    groups = run.groups
-
-    def counted(table: str, columns: list[str], **how: Any) -> Iterator[pa.Table]:
-        number = len(read)
-        read[number] = 0
-        for group in groups(table, columns, **how):
-            read[number] += 1
-            yield group
-
-    monkeypatch.setattr(run, "groups", counted)
-    some = joints_and_metrics(run)
-    every = -(-run.rows // run.group)
-    sweeps = list(read.values())[:4]
-    assert [sweeps[0], *sweeps[2:]] == 3 * [every]
-    assert 50 < sweeps[1] < 0.8 * every
-    monkeypatch.setattr(
-        run, "groups", lambda table, columns, *, coded=False, wanted=None: groups(table, columns)
-    )
-    joints, *others = joints_and_metrics(run)
-    assert joints.num_rows > 1000
-    assert joints.equals(some[0])
-    assert repr(others) == repr(list(some[1:]))
-
-
-@pytest.mark.parametrize(("last_tick", "most_alive"), [(5999, 1), (None, 7)])
-def test_of_a_run_that_is_known_to_be_long_no_rows_are_kept(
-    last_tick: int | None, most_alive: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of one whose length is not known they are kept until they are too many."""
-    monkeypatch.setattr(run_metrics, "MOST_ROWS", 3000)
+    monkeypatch.setattr(port_reader, "MOST_ROWS", most_rows)
     run = LongRun(600.0, 10.0, group=500)
-    run.stations[0].first_tick, run.stations[0].last_tick = 0, last_tick
+    samples = run.samples_by_port(COLUMNS)
+    facts = run.stations[0]
+    reader = PortReader(facts, 1, samples, [], run.manifest.t0_utc_us)
     seen, alive = list[weakref.ref[Floats]](), list[int]()
-    for _, piece in run_metrics.port_reader(run, run.stations)._pieces():
+    for piece in reader._pieces():
         seen.append(weakref.ref(piece.rows.temperature))
-        alive.append(sum(one() is not None for one in seen))
+        alive.append(sum(rows() is not None for rows in seen))
     assert len(alive) == 12
     assert max(alive) == most_alive
 
@@ -198,7 +166,7 @@ def memory(run: LongRun) -> tuple[float, int, float]:
 def test_memory_is_the_same_for_three_hours_and_half_a_day(
     family: str, is_free: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    monkeypatch.setattr(port_reader, "MOST_ROWS", 1)
     monkeypatch.setattr(values, "MOST_KEPT", 1000)
     few, _, _ = memory(LongRun(THREE_HOURS_S, 0.1, family, is_free, 500))
     many, _, _ = memory(LongRun(HALF_A_DAY_S, 0.1, family, is_free, 500))
@@ -209,7 +177,7 @@ def test_memory_is_the_same_for_three_hours_and_half_a_day(
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 def test_half_a_day_and_two_days_of_a_port_at_10_hz(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    monkeypatch.setattr(port_reader, "MOST_ROWS", 1)
     for seconds in (HALF_A_DAY_S, TWO_DAYS_S):
         most, joints, cpu = memory(LongRun(seconds, 10.0))
         print(

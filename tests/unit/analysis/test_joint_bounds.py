@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.analysis.derived_files import MetricRow
 from jbclog.analysis.joint_bounds import beyond_bounds
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
-from jbclog.analysis.stored_tables import MetricRow, cache_metrics
-from jbclog.record.manifest import manifest_sha256
 from support.invoked import invoked
 from support.records import small_run
+from support.records.derived import write_metrics
 
 FORGED = {"joint_share_percent": 96.0, "joint_dwell_s": 3.1, "tip_loss_permille_per_k": 3.0}
 
@@ -33,7 +33,7 @@ def stored(made: tuple[Path, list[MetricRow]], out: Path, values: dict[str, floa
         replace(row, value=values[row.metric], why=None) if row.metric in values else row
         for row in made[1]
     ]
-    cache_metrics(folder, rows, manifest_sha256(folder))
+    write_metrics(folder, rows)
     return folder
 
 

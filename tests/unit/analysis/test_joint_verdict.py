@@ -77,7 +77,7 @@ def test_the_joints_judged_are_those_of_the_table(
     found = joint_evidence(soldered, manifest.stations, manifest.t0_utc)
     back = [one.seconds for one in found["dde-1", 1].recoveries if one is not None and one.back]
     assert back == pytest.approx(list(joints["recovery_s"].dropna()), abs=1e-3)
-    monkeypatch.setattr(evidence_of, "MOST_ROWS", 1)
+    monkeypatch.setattr("jbclog.analysis.joints.port_reader.MOST_ROWS", 1)
     twice = [*manifest.stations, replace(manifest.stations[0], name="not there")]
     assert joint_evidence(soldered, twice, manifest.t0_utc)["dde-1", 1] == found["dde-1", 1]
 
@@ -97,7 +97,7 @@ def test_evidence_does_not_depend_on_row_groups_and_is_what_the_joints_say(
     part = part_paths(folder, "samples")[0]
     pq.write_table(pq.read_table(part, partitioning=None), part, row_group_size=37)
     # so that each sweep reads the row groups anew
-    monkeypatch.setattr(evidence_of, "MOST_ROWS", 100)
+    monkeypatch.setattr("jbclog.analysis.joints.port_reader.MOST_ROWS", 100)
     assert joint_evidence(folder, manifest.stations, manifest.t0_utc) == found
 
 

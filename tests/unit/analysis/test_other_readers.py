@@ -16,11 +16,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-import jbclog
-from jbclog.core.rows import TABLES
-from jbclog.record.schema import SCHEMAS
 from support.lazy import duckdb
 from support.lazy import polars as pl
+from support.product import STORED_SCHEMAS, STORED_TABLES, Run, open_run
 from support.records import small_run
 
 Cells = list[dict[str, object]]
@@ -28,12 +26,12 @@ Read = Callable[[Path], Cells]
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> jbclog.Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """With drop-outs, nulls of every kind, two parts of samples."""
-    return jbclog.open_run(small_run.make_run(tmp_path_factory.mktemp("runs"), 40.0))
+    return open_run(small_run.make_run(tmp_path_factory.mktemp("runs"), 40.0))
 
 
-def told(run: jbclog.Run, table: str) -> Cells:
+def told(run: Run, table: str) -> Cells:
     """What jbclog gives, in Python's own values; times as microseconds."""
     frame = {
         "samples": run.samples,
@@ -84,20 +82,20 @@ READERS = {
 }
 
 
-@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("table", STORED_TABLES)
 @pytest.mark.parametrize("reader", READERS)
-def test_every_cell_of_every_table_is_the_same(run: jbclog.Run, reader: str, table: str) -> None:
+def test_every_cell_of_every_table_is_the_same(run: Run, reader: str, table: str) -> None:
     expected = told(run, table)
     assert expected
     found = READERS[reader](run.folder / table)
-    assert list(found[0]) == SCHEMAS[table].names
+    assert list(found[0]) == STORED_SCHEMAS[table].names
     assert found == expected
 
 
-def test_nulls_are_nulls_and_not_zero(run: jbclog.Run) -> None:
+def test_nulls_are_nulls_and_not_zero(run: Run) -> None:
     samples = run.samples()
     nulls = {name: int(samples[name].isna().sum()) for name in samples}
-    assert min(nulls["temperature_c"], nulls["set_c"], nulls["alarm_high"]) > 0
+    assert min(nulls["temperature_c"], nulls["setpoint_c"], nulls["alarm_high"]) > 0
     by_duck = (
         duckdb.connect().sql(f"SELECT * FROM '{run.folder}/samples/*.parquet'").to_arrow_table()
     )
@@ -105,7 +103,7 @@ def test_nulls_are_nulls_and_not_zero(run: jbclog.Run) -> None:
     assert pl.read_parquet(run.folder / "samples" / "*.parquet").null_count().to_dicts() == [nulls]
 
 
-def test_types_and_the_zone_come_through(run: jbclog.Run) -> None:
+def test_types_and_the_zone_come_through(run: Run) -> None:
     schema = pl.read_parquet_schema(next((run.folder / "samples").iterdir()))
     types = (schema["time"], schema["tick"], schema["station"], schema["alarm_high"])
     assert types == (pl.Datetime("us", "UTC"), pl.Int64, pl.String, pl.Boolean)
@@ -119,7 +117,7 @@ def test_types_and_the_zone_come_through(run: jbclog.Run) -> None:
     assert found == ["TIMESTAMP WITH TIME ZONE", "BIGINT", "VARCHAR", "BIGINT", "BOOLEAN"]
 
 
-def test_a_question_in_sql_has_the_answer_that_pandas_gives(run: jbclog.Run) -> None:
+def test_a_question_in_sql_has_the_answer_that_pandas_gives(run: Run) -> None:
     asked = f"""
         SELECT station, port, count(temperature_c) AS n, avg(temperature_c) AS mean
         FROM '{run.folder}/samples/*.parquet' WHERE quality = 'ok' GROUP BY ALL ORDER BY ALL
@@ -144,7 +142,7 @@ def test_a_question_in_sql_has_the_answer_that_pandas_gives(run: jbclog.Run) -> 
     assert means["mean"].to_list() == [row[3] for row in expected]
 
 
-def test_pandas_needs_no_jbclog(run: jbclog.Run) -> None:
+def test_pandas_needs_no_jbclog(run: Run) -> None:
     asked = (
         f"import pandas, sys; print(len(pandas.read_parquet({str(run.folder / 'samples')!r})),"
         " 'jbclog' in sys.modules)"

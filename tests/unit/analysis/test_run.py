@@ -19,8 +19,9 @@ from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, Metadata
 from jbclog.record.recover import recover
 from jbclog.record.schema import SCHEMAS
-from jbclog.record.seal import seal_rows
+from jbclog.record.seal import seal_journal
 from support.command import until
+from support.product import lose_commit, seal_part
 from support.records import event_run, few_rows, small_run
 
 
@@ -59,10 +60,10 @@ def test_they_are_what_pandas_reads_by_itself(run: jbclog.Run) -> None:
 
 def test_by_station_and_port(run: jbclog.Run) -> None:
     assert set(run.samples(station="dde-1")["port"]) == {1, 2}
-    only = run.samples("dde-1", 2, columns=["set_c", "tick"])
-    assert list(only.columns) == ["set_c", "tick"]
+    only = run.samples("dde-1", 2, columns=["setpoint_c", "tick"])
+    assert list(only.columns) == ["setpoint_c", "tick"]
     assert len(only) == 400
-    assert set(only["set_c"].dropna()) == {330}
+    assert set(only["setpoint_c"].dropna()) == {330}
     assert set(run.events(station="ale-1")["kind"]) >= {"link.lost", "link.back"}
     assert len(run.settings("ale-1")) == 3
     assert len(run.counters("ale-1")) == 2 * 5
@@ -95,6 +96,8 @@ def test_an_unknown_port_is_an_error_with_the_known_ones(run: jbclog.Run, method
         getattr(run, method)(station="dde-1", port=7)
     with pytest.raises(UsageError, match="has no port 7; it has 1, 2"):
         getattr(run, method)(port=7)
+    with pytest.raises(UsageError, match=r"port must be a number, such as 1 \(got '1'\)"):
+        getattr(run, method)(station="dde-1", port="1")
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
@@ -114,7 +117,7 @@ def test_by_time_the_start_included_and_the_stop_not(run: jbclog.Run, zone: str)
 
 
 def test_an_unknown_column_is_an_error_with_the_known_ones(run: jbclog.Run) -> None:
-    with pytest.raises(UsageError, match="no column colour; it has time, tick"):
+    with pytest.raises(UsageError, match="no column colour; it has run, seq, time, tick"):
         run.samples(columns=["colour"])
 
 
@@ -142,28 +145,24 @@ def test_a_run_that_is_being_recorded_grows(tmp_path: Path) -> None:
     few_rows.hand_over(store, range(50))
     store.commit_now()
     assert list(run.samples()["tick"]) == list(range(50))
-    seal_rows(store.folder, part=True)
+    seal_part(store.folder)
     few_rows.hand_over(store, range(50, 80))
     store.commit_now()
     assert list(run.samples()["tick"]) == list(range(80))
     assert list(run.events()["code"]) == list(range(0, 80, 7))
     store.close()
-    seal_rows(store.folder)
+    seal_journal(store.folder)
     conclude(store.folder, Manifest(store.folder.name), store.lock)
     assert list(run.samples()["tick"]) == list(range(80))
 
 
 def test_a_run_that_crashed_is_read_without_touching_it(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    before = {
-        path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")
-    }
+    before = {path: path.read_bytes() for path in folder.iterdir()}
     run = jbclog.open_run(folder)
     assert list(run.samples()["tick"]) == list(range(150))
     assert run.manifest.state == "open"
-    assert {
-        path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")
-    } == before
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
     recover(folder)
     assert list(run.samples()["tick"]) == list(range(150))
     assert run.manifest.exit_status == "lost"
@@ -175,23 +174,19 @@ def test_a_run_that_is_closed_and_not_yet_sealed(tmp_path: Path) -> None:
     store.close()
     before = {path.name for path in store.folder.iterdir()}
     assert list(jbclog.open_run(store.folder).samples()["tick"]) == list(range(30))
-    assert {path.name for path in store.folder.iterdir()} - before <= {
-        "live.sqlite-shm",
-        "live.sqlite-wal",
-    }
+    assert {path.name for path in store.folder.iterdir()} == before
     store.release()
 
 
 def test_damage_is_reported(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    (folder / "live.sqlite").write_bytes(b"no database" * 1000)
-    (folder / "live.sqlite-wal").unlink()
-    with pytest.warns(UserWarning, match=r"live\.sqlite"):
-        assert len(jbclog.open_run(folder).samples()) == 0
+    lose_commit(folder, "samples", 0)
+    with pytest.warns(UserWarning, match=r"live-0000\.journal, commit"):
+        assert list(jbclog.open_run(folder).samples()["tick"]) == list(range(50, 150))
 
 
 def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Path) -> None:
-    """A reader goes on while parts appear, batches disappear and the run is concluded."""
+    """A reader continues while parts appear, segments disappear and the run is concluded."""
     store = few_rows.begun(tmp_path)
     committed, done, seen = [0], threading.Event(), []
 
@@ -213,10 +208,10 @@ def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Pat
             committed[0] = number + 20
             if number % 200 == 100:
                 be_looked_at()
-                seal_rows(store.folder, part=True)
+                seal_part(store.folder)
         be_looked_at()
         store.close()
-        seal_rows(store.folder)
+        seal_journal(store.folder)
         conclude(store.folder, Manifest(store.folder.name), store.lock)
         done.set()
 

@@ -14,8 +14,8 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MatplotlibPath
 
 import jbclog
+from jbclog.analysis.derived_schemas import JOINTS_SCHEMA
 from jbclog.analysis.run_joints import RunJoint
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.core.errors import UsageError
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
@@ -38,7 +38,7 @@ def test_verdict_duration_and_stations_are_those_of_the_manifest(run: jbclog.Run
     manifest = run.manifest
     assert run.verdict == manifest.verdict is not None
     assert run.stations == manifest.stations
-    assert run.duration == pd.Timestamp(manifest.ended) - pd.Timestamp(manifest.started)
+    assert run.duration == pd.Timestamp(manifest.stop) - pd.Timestamp(manifest.start)
 
 
 def test_a_run_without_an_end_has_no_duration_and_no_verdict(tmp_path: Path) -> None:
@@ -52,10 +52,10 @@ def test_units_have_their_time_on_the_bench(tmp_path: Path, *, crashes: bool) ->
         event_run.run_with(tmp_path, READ, Metadata(units=["SN-0"]), crashes=crashes)
     ).units()
     assert list(units["unit"]) == ["SN-1", "SN-2", "SN-0"]
-    assert list(units["begin"][:2]) == [at(10), at(30)]
-    assert units["end"][0] == at(20)
-    assert units.loc[1:, "end"].isna().all()
-    assert pd.isna(units["begin"][2])  # it was only named: nobody knows when it was there
+    assert list(units["start"][:2]) == [at(10), at(30)]
+    assert units["stop"][0] == at(20)
+    assert units.loc[1:, "stop"].isna().all()
+    assert pd.isna(units["start"][2])  # it was only named: nobody knows when it was there
 
 
 def test_one_unit_that_was_named_is_there_for_the_whole_run_of_several_nobody_knows(
@@ -63,15 +63,15 @@ def test_one_unit_that_was_named_is_there_for_the_whole_run_of_several_nobody_kn
 ) -> None:
     run = jbclog.open_run(event_run.run_with(tmp_path, [], Metadata(units=["SN-0"])))
     (row,) = run.units().itertuples()
-    assert (row.unit, row.begin, row.end) == (
+    assert (row.unit, row.start, row.stop) == (
         "SN-0",
-        pd.Timestamp(run.manifest.started),
-        pd.Timestamp(run.manifest.ended),
+        pd.Timestamp(run.manifest.start),
+        pd.Timestamp(run.manifest.stop),
     )
     append(run.folder, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
     both = run.units()
     assert list(both["unit"]) == ["SN-0", "SN-7"]
-    assert both[["begin", "end"]].isna().all().all()
+    assert both[["start", "stop"]].isna().all().all()
 
 
 def test_a_run_without_units_has_an_empty_table_of_the_same_types(tmp_path: Path) -> None:
@@ -83,9 +83,9 @@ def test_a_run_without_units_has_an_empty_table_of_the_same_types(tmp_path: Path
 
 def test_joints_are_the_rows_of_the_table_as_objects(run: jbclog.Run) -> None:
     table, joints = run.joints(), run.each_joint()
-    assert {one.name for one in fields(RunJoint)} == {*JOINTS_SCHEMA.names, "run", "unit"}
+    assert {one.name for one in fields(RunJoint)} == {*JOINTS_SCHEMA.names}
     assert len(joints) == len(table) > 10
-    for name in JOINTS_SCHEMA.names:
+    for name in JOINTS_SCHEMA.names[1:]:
         values = [getattr(joint, name) for joint in joints]
         assert [None if pd.isna(value) else value for value in table[name]] == values
     assert run.each_joint("dde-1", 2) == [
@@ -105,7 +105,7 @@ def test_a_joint_has_its_unit(tmp_path: Path) -> None:
 def test_a_joint_has_its_slice_of_the_samples(run: jbclog.Run) -> None:
     joint = run.each_joint("dde-1", 1)[3]
     own = joint.samples()
-    assert (own["time"].iloc[0], own["time"].iloc[-1]) == (joint.start, joint.end)
+    assert (own["time"].iloc[0], own["time"].iloc[-1]) == (joint.start, joint.stop)
     assert set(zip(own["station"], own["port"], strict=True)) == {("dde-1", 1)}
     around = joint.samples(before_s=0.5, after_s=2.0, columns=["time", "temperature_c"])
     assert list(around.columns) == ["time", "temperature_c"]

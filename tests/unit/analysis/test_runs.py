@@ -4,6 +4,7 @@ many.
 
 from __future__ import annotations
 
+import inspect
 import re
 import shutil
 from collections.abc import Iterator
@@ -22,6 +23,21 @@ from jbclog.report.write import write_report
 from support.faults.hostile_names import HOSTILE, MOVES
 from support.records import few_rows, sealed_run, small_run
 
+OF_EACH = (
+    "samples",
+    "events",
+    "settings",
+    "counters",
+    "joints",
+    "metrics",
+    "alarms",
+    "units",
+    "gaps",
+    "tips",
+    "accounting",
+)
+"""Methods of `Run` and of `Runs`."""
+
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -30,7 +46,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for _ in range(2):
         small_run.make_run(out, 20.0)
     rows = sealed_run.samples(700)
-    said = Metadata("A. Rossi", "88123", "controller", units=["SN-1"], tags={"shift": "late"})
+    said = Metadata(
+        "A. Rossi", "88123", "controller", units=["SN-1"], tags={"shift": "late"}, tips=["T-1"]
+    )
     sealed_run.seal(out, [sealed_run.station(rows=700)], sealed_run.table(rows), metadata=said)
     return out
 
@@ -60,6 +78,8 @@ def test_runs_are_found_by_their_metadata(home: Path) -> None:
 def test_an_unknown_filter_and_a_missing_folder_are_errors(home: Path) -> None:
     with pytest.raises(UsageError, match=r"colour.*by flux_lot"):
         jbclog.open_runs(home, colour="red")
+    with pytest.raises(UsageError, match="must be one of running, crashed, ended"):
+        jbclog.open_runs(home, state="sealed")
     with pytest.raises(RecordError, match="is missing"):
         jbclog.open_runs(home / "nothing")
 
@@ -89,60 +109,120 @@ def test_they_are_a_sequence(home: Path) -> None:
     assert repr(runs) == f"<Runs {home}: 3 runs>"
 
 
+@pytest.mark.parametrize("part", [slice(-2, None), slice(None, None, -1), slice(7, None)])
+def test_a_slice_has_the_calls_of_all_runs(home: Path, part: slice) -> None:
+    runs = jbclog.open_runs(home)
+    names = [run.name for run in runs][part]
+    assert [run.name for run in runs[part]] == names
+    assert [*runs[part].metrics()["run"].unique()] == names
+    assert len(runs[part].refreshed()) == 3
+
+
 def test_manifests_are_a_row_a_run(home: Path) -> None:
     table = jbclog.open_runs(home).manifests().set_index("run")
     one = table.loc["20260921T141320Z-bench-k7qd"]
     assert (one["order"], one["units"], one["exit_code"]) == ("88123", ("SN-1",), 0)
     assert pd.isna(one["verdict"])
-    assert str(table["started"].dtype) == "datetime64[us, UTC]"
+    assert str(table["start"].dtype) == "datetime64[us, UTC]"
     assert table["exit_code"].dtype == "Int64"
     none = jbclog.open_runs(home, order="none").manifests()
     assert (len(none), list(none.columns)) == (0, list(jbclog.open_runs(home).manifests().columns))
 
 
-def test_samples_of_all_runs_are_those_of_each(home: Path) -> None:
+def own_rows(rows: pd.DataFrame, run: jbclog.Run) -> pd.DataFrame:
+    """The rows of one run, without its name, which `Run` gives for some tables."""
+    mine = rows[rows["run"] == run.name].reset_index(drop=True)
+    return mine.drop(columns="run")
+
+
+@pytest.mark.parametrize("name", OF_EACH)
+def test_the_rows_of_all_runs_are_those_of_each_with_its_name(home: Path, name: str) -> None:
     runs = jbclog.open_runs(home)
-    pieces = list(runs.samples("dde-1", 1, columns=["tick", "temperature_c"]))
-    assert all(len(piece) for piece in pieces)
-    whole = pd.concat(pieces, ignore_index=True)
-    assert list(whole.columns) == ["run", "tick", "temperature_c"]
+    whole = getattr(runs, name)()
+    with_rows = [run.name for run in runs if len(getattr(run, name)())]
+    assert list(whole["run"].unique()) == with_rows != []
+    assert whole.columns[0] == "run"
+    assert list(whole.index) == list(range(len(whole)))
     for run in runs:
-        mine = whole[whole["run"] == run.name].drop(columns="run").reset_index(drop=True)
-        pd.testing.assert_frame_equal(
-            mine, run.samples("dde-1", 1, columns=["tick", "temperature_c"])
-        )
+        expected = getattr(run, name)().drop(columns="run", errors="ignore")
+        pd.testing.assert_frame_equal(own_rows(whole, run), expected)
 
 
-def test_metrics_and_joints_name_their_run(home: Path) -> None:
-    runs = jbclog.open_runs(home, order="88123")
-    metrics = runs.metrics()
-    assert set(metrics["run"]) == {"20260921T141320Z-bench-k7qd"}
-    assert {"started", "station", "port", "metric", "value", "unit", "n", "why"} <= set(
-        metrics.columns
-    )
-    assert len(runs.joints()) == len(runs[0].joints()) > 5
-    assert len(jbclog.open_runs(home, order="none").joints()) == 0
+@pytest.mark.parametrize("name", OF_EACH)
+def test_without_a_run_the_columns_and_their_types_are_the_same(home: Path, name: str) -> None:
+    none = getattr(jbclog.open_runs(home, order="none"), name)()
+    assert len(none) == 0
+    pd.testing.assert_series_equal(none.dtypes, getattr(jbclog.open_runs(home), name)().dtypes)
 
 
-def test_a_station_that_no_run_has_is_an_error(home: Path) -> None:
+def test_what_is_chosen_is_chosen_in_each(home: Path) -> None:
     runs = jbclog.open_runs(home)
-    for read in (runs.metrics, runs.joints, lambda name: next(runs.samples(name))):
-        with pytest.raises(UsageError, match=r"no run has a station 'nobody'; there are .*dde-1"):
-            read("nobody")
+    columns = ["tick", "setpoint_c"]
+    whole = runs.samples("dde-1", 1, columns=columns, setpoint="in force")
+    assert list(whole.columns) == ["run", *columns]
+    for run in runs:
+        mine = run.samples("dde-1", 1, columns=columns, setpoint="in force")
+        pd.testing.assert_frame_equal(own_rows(whole, run), mine)
+    assert set(runs.events(kind="alarm.*")["kind"]) <= {"alarm.high", "alarm.high.ended"}
+    assert set(runs.settings("ale-1", 1)["station"]) == {"ale-1"}
 
 
-def test_metrics_of_a_report_are_those_of_the_run_without_opening_it(
+@pytest.mark.parametrize("name", OF_EACH)
+def test_runs_without_a_station_are_left_out_and_one_that_none_has_is_refused(
+    home: Path, name: str
+) -> None:
+    runs = jbclog.open_runs(home)
+    read = getattr(runs, name)
+    if "station" not in inspect.signature(read).parameters:
+        return
+    assert read("ale-1")["run"].nunique() <= 2
+    with pytest.raises(UsageError, match=r"no run has a station 'nobody'; there are .*dde-1"):
+        read("nobody")
+    with pytest.raises(UsageError, match=r"no run has a port 7 of 'dde-1'; there are 1, 2"):
+        read("dde-1", 7)
+    with pytest.raises(UsageError, match=r"port must be a number, such as 1 \(got '1'\)"):
+        read("dde-1", "1")
+
+
+def test_a_mistake_is_refused_as_in_a_run(home: Path) -> None:
+    runs = jbclog.open_runs(home)
+    with pytest.raises(UsageError, match="no column colour; it has "):
+        runs.samples(columns=["colour"])
+    with pytest.raises(UsageError, match="no time with a date"):
+        runs.events(start="20:22")
+    with pytest.raises(UsageError, match="there is no table 'rows'; there are samples, events"):
+        list(runs.stream("rows"))
+
+
+def test_processes_read_the_same(home: Path) -> None:
+    alone, together = jbclog.open_runs(home), jbclog.open_runs(home, processes=2)
+    pd.testing.assert_frame_equal(
+        together.counters("dde-1", 2), alone.counters("dde-1", 2), check_names=True
+    )
+
+
+def test_a_run_that_cannot_be_read_is_an_error_and_not_left_out(tmp_path: Path) -> None:
+    folder = small_run.make_run(tmp_path, 5.0)
+    runs = jbclog.open_runs(tmp_path)
+    assert len(runs) == 1
+    (part,) = (folder / "events").glob("*.parquet")
+    part.write_bytes(part.read_bytes()[:-7])
+    for read in (runs.events, lambda: list(runs.stream("events"))):
+        with pytest.raises(RecordError, match="part-0000"):
+            read()
+
+
+def test_metrics_of_a_report_are_those_of_the_run_without_measuring_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = small_run.make_run(tmp_path, 5.0)
-    computed = jbclog.open_runs(tmp_path).metrics()
+    ((_, computed),) = jbclog.open_runs(tmp_path).metric_rows()
     write_report(folder)
-    monkeypatch.setattr("jbclog.analysis.runs.open_run", None)
-    pd.testing.assert_frame_equal(jbclog.open_runs(tmp_path).metrics(), computed)
-    only = jbclog.open_runs(tmp_path).metrics("ale-1")
-    pd.testing.assert_frame_equal(
-        only, computed[computed["station"] == "ale-1"].reset_index(drop=True)
-    )
+    monkeypatch.setattr("jbclog.analysis.run_metrics.computed_metrics", None)
+    ((_, stored),) = jbclog.open_runs(tmp_path).metric_rows()
+    assert stored == computed
+    ((_, only),) = jbclog.open_runs(tmp_path).metric_rows("ale-1")
+    assert only == [row for row in computed if row.station == "ale-1"]
 
 
 def test_a_manifest_that_is_changed_after_the_search_is_noticed(tmp_path: Path) -> None:
@@ -243,12 +323,26 @@ def test_a_stream_reads_no_further_than_it_is_asked(
 
     groups_of = module.groups_of
     monkeypatch.setattr(module, "groups_of", groups)
-    pieces = jbclog.open_runs(home).samples(columns=["tick"])
+    pieces = jbclog.open_runs(home).stream(columns=["tick"])
     assert given == []
     assert len(next(pieces)) == 100
     assert given == [0]
     next(pieces)
     assert given == [0, 100]
+
+
+def test_the_pieces_of_all_runs_are_the_whole_table(home: Path) -> None:
+    runs = jbclog.open_runs(home)
+    for table in ("samples", "counters"):
+        pieces = list(runs.stream(table, "dde-1", 1))
+        assert all(len(piece) for piece in pieces)
+        whole = getattr(runs, table)("dde-1", 1)
+        pd.testing.assert_frame_equal(pd.concat(pieces, ignore_index=True), whole)
+    assert list(jbclog.open_runs(home, order="none").stream()) == []
+    with pytest.raises(UsageError, match="no run has a station 'nobody'"):
+        runs.stream("samples", "nobody")
+    with pytest.raises(UsageError, match="no run has a port 7"):
+        next(runs.stream("samples", "dde-1", 7))
 
 
 # -- in a notebook ---------------------------------------------------------------------------------

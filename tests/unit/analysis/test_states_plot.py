@@ -16,7 +16,7 @@ from support.records.sealed_run import samples, seal, station, table
 def test_states_are_bars_for_as_long_as_they_held_and_gaps_are_hatched(tmp_path: Path) -> None:
     rows = 60
     columns = samples(rows, "omega-1", hz=1.0)
-    for name in ("temperature_c", "power_permille", "set_c", "alarm_high"):
+    for name in ("temperature_c", "power_permille", "setpoint_c", "alarm_high"):
         columns[name] = np.full(rows, np.nan)
     columns["status"] = np.full(rows, None, dtype=object)
     second = np.arange(rows)
@@ -42,5 +42,5 @@ def test_states_are_bars_for_as_long_as_they_held_and_gaps_are_hatched(tmp_path:
     # two are the shortage, drawn over the rest again
     assert sorted(round(length) for length in lengths) == [5, 10, 10, 10, 30]
     (gap,) = parts(figure, "no data")
-    assert np.ptp(gap[:, 0]) * 86400 == pytest.approx(5, abs=0.01)
+    assert np.ptp(gap[:, 0]) * 86400 == pytest.approx(6, abs=0.01)
     assert style.HATCH_ELSE in [patch.get_hatch() for patch in axes.patches]

@@ -14,9 +14,9 @@ import pytest
 from typer.testing import Result
 
 from jbclog.analysis import run_metrics, spc
+from jbclog.analysis.derived_files import MetricRow
 from jbclog.analysis.run import Run
 from jbclog.analysis.runs import open_runs
-from jbclog.analysis.stored_tables import MetricRow
 from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.core.errors import UsageError
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
@@ -58,7 +58,7 @@ def trend(*words: str | Path) -> Result:
 
 def test_a_point_is_a_runs_metric_in_the_order_of_the_runs(home: Path) -> None:
     (found,) = trends(open_runs(home))
-    assert (found.station, found.port, found.metric, found.unit) == (
+    assert (found.station, found.port, found.metric, found.uom) == (
         "dde-1",
         1,
         "idle_error_c",
@@ -220,7 +220,7 @@ def test_json_has_points_chart_and_refusals(home: Path) -> None:
     assert (found["runs"], one["n"], len(one["points"])) == (30, 30, 30)
     assert one["points"][0].keys() == {
         "run",
-        "started",
+        "start",
         "value",
         "n",
         "coverage",

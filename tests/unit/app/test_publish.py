@@ -15,6 +15,7 @@ from jbclog.app import publish as publishing
 from jbclog.app.publish import differences, publish
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.annotations import append
+from jbclog.record.folder import DERIVED_TABLES
 from jbclog.record.manifest import read_manifest
 from jbclog.record.published import Tree, key_of
 from jbclog.record.schema import SCHEMAS
@@ -207,11 +208,11 @@ def test_copies_that_were_annotated_differently_are_refused(
 def test_what_was_derived_is_published_and_made_anew(run: Path, tree: Tree) -> None:
     publish(run, tree)
     write_report(run)
-    assert publish(run, tree).files == 3  # annotations, joints, report
+    assert publish(run, tree).files == 2 + len(DERIVED_TABLES)  # with annotations and report
     joints = Path(tree.url, "joints", PLACE, f"{RUN}.parquet")
-    assert joints.read_bytes() == (run / "joints.parquet").read_bytes()
+    assert joints.read_bytes() == (run / "derived" / "joints.parquet").read_bytes()
     assert publish(run, tree).files == 0
-    os.utime(run / "joints.parquet", (2e9, 2e9))  # made anew
+    os.utime(run / "derived" / "joints.parquet", (2e9, 2e9))  # made anew
     assert publish(run, tree).files == 1
 
 
@@ -334,7 +335,12 @@ def test_check_compares(home: Path, tmp_path: Path) -> None:
         f"{table}: 3 differences (3 runs)",
     ]
     one_line = json.loads(invoked("publish", "--check", first, table, "--json").stdout)
-    assert one_line == {"run": str(first), "table": str(table), "differences": []}
+    assert one_line == {
+        "run": first.name,
+        "folder": str(first),
+        "table": str(table),
+        "differences": [],
+    }
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(run: Path, tmp_path: Path) -> None:
@@ -348,10 +354,10 @@ def test_a_folder_that_cannot_be_written_is_one_line(run: Path, tmp_path: Path) 
 def test_a_damaged_derived_file_stays_out_of_the_table(run: Path, tree: Tree) -> None:
     """Readers of the whole plant would stop at it; `jbclog report` makes it anew."""
     write_report(run)
-    joints = run / "joints.parquet"
+    joints = run / "derived" / "joints.parquet"
     joints.write_bytes(joints.read_bytes()[:-4])
     publish(run, tree)
-    assert tree.stored([key_of(run.name, "joints.parquet")]) == {}
+    assert tree.stored([key_of(run.name, "derived/joints.parquet")]) == {}
 
 
 def test_a_run_or_a_folder_of_runs_is_no_table(run: Path, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def shift(progress: JobProgress) -> Any:
         "2026-11-23T16:35:54+00:00",
         run=RUN,
         state=State.NOT_FINE,
-        ended="2026-11-23T16:36:10+00:00",
+        stop="2026-11-23T16:36:10+00:00",
         exit_code=1,
     )
     attempt.verdict = "INCONCLUSIVE"

@@ -22,7 +22,6 @@ GONE = {
     "batch": ("gone.toml",),
     "safe": LINE,
     "recover": ("gone",),
-    "replay": ("gone", "--record", "again"),
     "doctor": LINE,
     "read": ("dde-1", *LINE),
     "write": ("dde-1", "sleep_delay", "5", *LINE),

@@ -22,10 +22,12 @@ from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.goal import JOINTS, UNITS, Goal
 from jbclog.core.rows import EventRow, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
-from jbclog.live.growing_joints import count
+from jbclog.live.joint_counter import count
 from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import PortState, ReadingCount, SessionContext, StationTask
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.state import PortState, ReadingCount
+from jbclog.session.run.task import StationTask
 from support.command import until
 from support.records.live_rows import Soldering
 
@@ -37,12 +39,15 @@ def context(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     order = StationTask(
         name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0
     )
-    found = SessionContext(order, NoJournal(), UtcOffset(SystemClock()))
-    found.ports = {number: PortState(number) for number in (1, 2)}
-    found.ports[1].temperatures_c, found.ports[1].status = {"temperature_c": 349}, (0, 0, 0, 0, 0)
-    found.ports[1].held["selected_temperature"] = 350
-    found.connected, found.facts.outcome, found.facts.alarms = True, outcome, 2
-    found.count_readings = lambda port: (
+    found = SessionContext.of(order, NoJournal(), UtcOffset(SystemClock()))
+    found.state.ports = {number: PortState(number) for number in (1, 2)}
+    found.state.ports[1].temperatures_c, found.state.ports[1].status = (
+        {"temperature_c": 349},
+        (0, 0, 0, 0, 0),
+    )
+    found.state.ports[1].held["selected_temperature"] = 350
+    found.state.connected, found.state.facts.outcome, found.state.facts.alarms = True, outcome, 2
+    found.state.count_readings = lambda port: (
         ReadingCount(2000, 1999) if port == 1 else ReadingCount(0, 0)
     )
     return found
@@ -203,8 +208,8 @@ def test_more_than_all_of_a_duration_never_passes(passed: float, shown: str) -> 
 
 def test_an_omega_shows_its_states_in_its_own_words(screen: progress.Screen) -> None:
     omega, family = context(), FAMILIES["omega"]
-    omega.family, omega.facts.alarms = family, 0
-    omega.ports = {
+    omega.state.family, omega.state.facts.alarms = family, 0
+    omega.state.ports = {
         1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})
     }
     assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", "", "99.9 %", "1"]]
@@ -219,7 +224,7 @@ def test_a_station_that_has_ended_shows_how(screen: progress.Screen, outcome: st
 
 def test_a_station_that_is_away(screen: progress.Screen) -> None:
     away = context()
-    away.connected = False
+    away.state.connected = False
     assert [row[2:5:2] for row in rows(screen, away)] == [["unknown", "disconnected"]] * 2
 
 

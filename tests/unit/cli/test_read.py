@@ -9,7 +9,6 @@ import pytest
 
 from jbclog.app import connection
 from jbclog.core.errors import WriteForbidden
-from jbclog.core.io_requests import Steps
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.manual.contact import open_contact
 from support.invoked import invoked
@@ -151,7 +150,7 @@ def test_one_value_as_json(make: Make) -> None:
         "port": 1,
         "tool": 2,
         "value": 0,
-        "unit": "°C",
+        "uom": "°C",
         "text": "0 °C",
         "raw": "00000",
         "manual": "002 W-Axy",
@@ -342,9 +341,9 @@ def test_nothing_but_questions_can_go_out(make: Make) -> None:
     bench = make(dde(), station_text("omega-1", "omega"))
     target = bench.target("dde-1")
 
-    def steps() -> Steps[None]:
-        contact = yield from open_contact(target)
-        yield from contact.client.write(contact.family.commands["status"], (0, 0, 0, 0, 1), 1)
+    async def steps() -> None:
+        contact = await open_contact(target)
+        await contact.client.write(contact.family.commands["status"], (0, 0, 0, 0, 1), 1)
 
     with pytest.raises(WriteForbidden):
         connection.ask(target, steps(), bench.access)
@@ -363,7 +362,7 @@ def test_without_a_name_the_names_are_listed(make: Make) -> None:
     ended = bench.do("read", "dde-1")
     assert ended.code == 0
     heads, *lines = ended.out.splitlines()
-    assert heads.split() == ["name", "unit", "scope", "values", "manual"]
+    assert heads.split() == ["name", "uom", "scope", "values", "manual"]
     assert [line.split()[0] for line in lines] == [
         command.name for command in FAMILIES["dde"].commands.values() if command.readable
     ]
@@ -376,7 +375,7 @@ def test_without_a_name_the_names_are_listed(make: Make) -> None:
     assert (told["family"], len(told["names"])) == ("dde", len(lines))
     assert told["names"][0] == {
         "name": "tip_temperature",
-        "unit": "°C",
+        "uom": "°C",
         "values": "",
         "scope": "port",
         "manual": "002 R-TTx; 000 4.8.3",

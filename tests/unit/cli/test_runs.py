@@ -12,6 +12,7 @@ from typer.testing import Result
 from jbclog.analysis.verdict import Verdict
 from jbclog.cli.runs import STATES, VERDICTS
 from jbclog.core.rows import StationFacts
+from jbclog.record import find_runs
 from jbclog.record.check import check
 from jbclog.record.manifest import (
     NAME,
@@ -31,7 +32,7 @@ FULL = Manifest(
     exit_status="success",
     exit_code=0,
     verdict="ACCEPT",
-    started="2026-11-21T01:30:00.500000Z",
+    start="2026-11-21T01:30:00.500000Z",
     line=LineFile("bench-3", "line.toml", "ab"),
     recipes=[RecipeFile("recipes/a.toml", "cd", "sn100c-tht", 7)],
     metadata=Metadata("陳", "88123", None, ["SN-0"], {"shift": "1"}, ["W-7"], [], ["T1"]),
@@ -58,7 +59,7 @@ def test_a_run_is_a_row_with_its_folder_last(runs: Path) -> None:
     assert (shown.exit_code, shown.stderr) == (0, "")
     assert (
         shown.stdout
-        == "started UTC       line     recipe        operator  order  product  units    verdict "
+        == "start UTC         line     recipe        operator  order  product  units    verdict "
         " state  run\n2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0"
         f" +1  ACCEPT   ended  runs/{RUN}\n"
     )
@@ -73,13 +74,12 @@ def test_json_is_a_line_a_run_with_everything_by_which_it_is_found(runs: Path) -
         "--json", "--wire-lot", "W-7", "--tip", "T1", "--tag", "shift=1"
     ).stdout.splitlines()
     one = json.loads(line)
-    assert (one["run"], one["units"], one["tags"], one["recipes"]) == (
-        f"runs/{RUN}",
+    assert (one["run"], one["folder"]) == (RUN, f"runs/{RUN}")
+    assert (one["units"], one["tags"], one["recipes"]) == (
         ["SN-0", "SN-1"],
         {"shift": "1"},
         ["sn100c-tht@7"],
     )
-    assert "folder" not in one
 
 
 @pytest.mark.parametrize(
@@ -140,6 +140,10 @@ def test_the_state_says_how_a_run_ended_and_nothing_of_its_verdict(
     if exit_status is not None:
         assert len(told("--state", state).stdout.splitlines()) == 2
     assert "no run matches" in told("--state", "crashed").stderr
+
+
+def test_the_states_are_those_of_runs() -> None:
+    assert STATES == find_runs.STATES
 
 
 def test_no_state_is_a_word_of_success_or_failure() -> None:

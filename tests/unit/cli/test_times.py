@@ -41,9 +41,7 @@ def runs(tmp_path: Path) -> Path:
     (folder / RUN).mkdir(parents=True)
     line = LineFile("bench-3", "line.toml", "ab")
     stations = [StationFacts("dde-1", "url", "dde")]
-    made = Manifest(
-        RUN, state="sealed", started=STARTED, ended=STARTED, line=line, stations=stations
-    )
+    made = Manifest(RUN, state="sealed", start=STARTED, stop=STARTED, line=line, stations=stations)
     write_manifest(folder / RUN, made)
     return folder
 
@@ -77,7 +75,7 @@ def in_pipe(*words: str | Path) -> str:
 def test_what_a_terminal_shows_finds_the_run_again(runs: Path) -> None:
     shown = on_terminal("runs", runs)
     head, row = shown.splitlines()
-    assert head.startswith("started               line")
+    assert head.startswith("start                 line")
     assert row.startswith("2026-11-21 02:30 CET  bench-3")
     for since in ("2026-11-21 02:30 CET", "2026-11-21 02:30", "2026-11-21T02:30"):
         assert RUN in on_terminal("runs", runs, "--since", since)
@@ -98,7 +96,7 @@ def test_a_day_on_a_terminal_is_a_day_on_the_wall(runs: Path) -> None:
 
 def test_a_pipe_has_utc_and_reads_utc(runs: Path) -> None:
     head, row = in_pipe("runs", runs, "--since", "2026-11-21 01:30").splitlines()
-    assert head.startswith("started UTC       line")
+    assert head.startswith("start UTC         line")
     assert row.startswith("2026-11-21 01:30  bench-3")
     assert (
         in_pipe("runs", runs, "--since", "2026-11-21 01:31")
@@ -108,7 +106,7 @@ def test_a_pipe_has_utc_and_reads_utc(runs: Path) -> None:
 
 def test_json_on_a_terminal_has_utc_and_reads_utc(runs: Path) -> None:
     shown = on_terminal("runs", runs, "--json", "--since", "2026-11-21 01:30")
-    assert json.loads(shown)["started"] == STARTED
+    assert json.loads(shown)["start"] == STARTED
     told = on_terminal("runs", runs, "--json", "--since", "2026-11-21 02:30")
     assert told.startswith(f"{runs}: no run matches")
 

@@ -46,15 +46,15 @@ def test_it_reads_the_station_itself_and_writes_nothing(bench: Bench) -> None:
         "PASS  dde-1 port 1, tip T-17: The tip is -12.0 °C from the station's own reading and"
         " -12.0 °C"
     )
-    (kept,) = read_book(Path("runs")).all
-    assert (kept.station_c, kept.station_n, kept.set_c, kept.adjust_c, kept.offset_c) == (
+    (kept,) = read_book(Path("runs")).entries
+    assert (kept.station_c, kept.station_n, kept.setpoint_c, kept.adjust_c, kept.offset_c) == (
         350.0,
         12,
         350.0,
         0.0,
         -12.0,
     )
-    assert (kept.tool, kept.model, kept.by) == ("T245/T470/TR245/TR470", "DDE", "A. Rossi")
+    assert (kept.tool_name, kept.model, kept.by) == ("T245/T470/TR245/TR470", "DDE", "A. Rossi")
     assert bench.wires["dde-1"].writes == []
     # each reading is borne out by a second answer
     assert bench.wires["dde-1"].texts.count("RTT1") == 24
@@ -84,7 +84,7 @@ def test_the_proposal_is_a_call_that_makes_the_next_one_pass(bench: Bench) -> No
     bench.wait(60)
     # as the thermometer would show now: the tip is 16 °C hotter
     assert verified(bench, "350").code == 0
-    assert [one.adjust_c for one in read_book(Path("runs")).all] == [0.0, 16.0]
+    assert [one.adjust_c for one in read_book(Path("runs")).entries] == [0.0, 16.0]
 
 
 def test_a_downward_proposal_can_be_typed_as_it_is_told(bench: Bench) -> None:
@@ -187,8 +187,8 @@ def ran(out: Path, day: float, hours: float = 1.0, **said: object) -> str:
         Manifest(
             folder.name,
             state="sealed",
-            started=at[0],
-            ended=at[1],
+            start=at[0],
+            stop=at[1],
             line=line,
             stations=[facts],
             metadata=metadata,
@@ -200,7 +200,7 @@ def ran(out: Path, day: float, hours: float = 1.0, **said: object) -> str:
 def used(out: Path, *words: str) -> tuple[list[str], dict[str, object]]:
     ended = invoked("where-used", out, "--station", "dde-1", "--json", *words)
     told = json.loads(ended.stdout)
-    return [Path(run["run"]).name for run in told["runs"]], {**told, "code": ended.exit_code}
+    return [run["run"] for run in told["runs"]], {**told, "code": ended.exit_code}
 
 
 def test_the_runs_between_the_last_good_and_the_next_good_one_are_suspect(tmp_path: Path) -> None:

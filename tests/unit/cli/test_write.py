@@ -173,7 +173,7 @@ def test_a_write_as_json(make: Make) -> None:
         "requested": 360,
         "before": 350,
         "readback": 360,
-        "unit": "°C",
+        "uom": "°C",
         "outcome": "confirmed",
         "problem": "",
         "manual": "002 W-STx",

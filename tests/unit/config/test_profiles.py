@@ -15,8 +15,8 @@ from jbclog.config.recipe_settings import condition_of, settings_for
 from jbclog.config.tasks_file import DAYS, load_tasks
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.rates import readings_for
-from jbclog.session.scheduler import Demand, readings_of
+from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS, readings_for
+from jbclog.session.scheduler import Demand
 
 PROFILES = Path(__file__).parents[3] / "profiles"
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
@@ -28,14 +28,10 @@ THT = PROFILES / "recipes" / "sn100c-tht.toml"
 
 
 def demand(recipe: Recipe, family: Family, ports: tuple[int, ...], line: LineFormat) -> Demand:
-    signals = [(signal, family.commands[signal.command]) for signal in family.signals]
-    counters = [(counter, family.commands[counter.command]) for counter in family.counters]
-    sampling = recipe.sampling
-    return Demand.of(
-        readings_of(
-            signals, counters, ports, line, True, sampling.alarms_every_s, sampling.counters_every_s
-        )
-    )
+    """Of signals and counters alone."""
+    others = {*IDENTITY_READS, *WATCHED_SETTINGS}
+    readings = readings_for(family, ports, recipe, line, True)
+    return Demand.of(reading for reading in readings if reading.name not in others)
 
 
 def rate_hz(recipe: Recipe, station: StationSpec) -> float:

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.core.quantities import (
+from support.campaigns.each_row import each_row
+from support.product import (
     OFF,
     AlarmDelay,
     AlarmLimit,
@@ -30,7 +31,6 @@ from jbclog.core.quantities import (
     Whole,
     text_of,
 )
-from support.campaigns.each_row import each_row
 
 CELSIUS = Whole("°C")
 OFFSET = Whole("°C", minus="-.")

@@ -6,15 +6,23 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from jbclog.guard.blind_orders import BlindOrders
-from jbclog.guard.continuity import MOST_ORDERS, ORDER_FOR_S, Continuity, Proof
-from jbclog.guard.lease import StationLease
-from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING, StatusWord
-from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import SafetyTask
-from jbclog.sim.virtual import VirtualStation
-from jbclog.transport.device import PortDevice
 from support.clients.making_safe import ASKED_AT, Cable, FloodedCable, Silent, station, task
+from support.product import (
+    EXTRACTOR,
+    MOST_ORDERS,
+    ORDER_FOR_S,
+    STAND,
+    WORKING,
+    BlindOrders,
+    Continuity,
+    PortDevice,
+    Proof,
+    SafetyTask,
+    StationLease,
+    StatusWord,
+    VirtualStation,
+    secure,
+)
 
 PORTS = (1, 2, 3, 4)
 LEASE = StationLease(

@@ -7,22 +7,27 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from jbclog.guard.continuity import (
+from support.product import (
+    EXTRACTOR,
+    FAMILIES,
     MOST_ORDERS,
     ORDER_FOR_S,
     PROVEN_FOR_S,
+    RECORDER_HUNG_S,
+    STAND,
+    WORKING,
     Continuity,
+    PortDevice,
     Proof,
+    StationLease,
+    StatusWord,
+    Verdict,
+    Watch,
+    blind_word,
     is_mixed,
     why_left_alone,
     why_unproven,
 )
-from jbclog.guard.lease import StationLease
-from jbclog.guard.watch import HUNG_S, Verdict, Watch
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING, StatusWord
-from jbclog.session.safety.blind import blind_word
-from jbclog.transport.device import PortDevice
 
 LEASE = StationLease(
     "ucr-1", "/dev/ttyUSB0", 19200, "8N1", 1, "ucr", "UCR", "1.0", "stand", (1,), False
@@ -207,5 +212,5 @@ def test_a_line_that_makes_no_sense_proves_nothing_and_breaks_nothing(line: str)
 def test_such_lines_are_no_sign_of_life() -> None:
     watch = Watch(0.0)
     assert watch.hear(f"{LEASE.to_json()}\n".encode(), 0.0)
-    heard(watch, "answered", {"ucr-1": 1.0}, now=HUNG_S)
-    assert watch.verdict(HUNG_S + 0.1, closed=False) is Verdict.HUNG
+    heard(watch, "answered", {"ucr-1": 1.0}, now=RECORDER_HUNG_S)
+    assert watch.verdict(RECORDER_HUNG_S + 0.1, closed=False) is Verdict.HUNG

@@ -15,16 +15,33 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.clock import elapsed
-from jbclog.guard import __main__ as guard_itself
-from jbclog.guard import lease as leases
-from jbclog.guard.action_log import NAME as DIARY
-from jbclog.guard.action_log import ActionLog
-from jbclog.guard.continuity import Continuity
-from jbclog.guard.inquiry import Inquiries
-from jbclog.guard.lease import StationLease, read_leases, write_leases
-from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.guard.watch import HUNG_S, GuardLost, Recorder, Verdict, Watch
+from support.product import (
+    ACTION_LOG_FILE,
+    DEATH_S,
+    DYING_S,
+    GUARD_READY,
+    GUARD_TRIES,
+    LEASES_FILE,
+    RECORDER_HUNG_S,
+    ActionLog,
+    Continuity,
+    GuardLost,
+    Inquiries,
+    LeaseWriter,
+    Recorder,
+    StationLease,
+    Verdict,
+    Watch,
+    close_lease,
+    elapsed,
+    guard_run,
+    patch,
+    read_leases,
+    retry_orders,
+    take_over_run,
+    watch_recorder,
+    write_leases,
+)
 
 LEASE = StationLease(
     "dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False
@@ -48,7 +65,7 @@ class Other(Recorder):
 @pytest.fixture
 def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     told: list[str] = []
-    monkeypatch.setattr(guard_itself, "show", told.append)
+    patch(monkeypatch, "guard.show", told.append)
     return told
 
 
@@ -56,7 +73,7 @@ def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def answers(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Where the recorder reads."""
     read, write = os.pipe()
-    monkeypatch.setattr(guard_itself, "STDOUT", write)
+    patch(monkeypatch, "guard.STDOUT", write)
     yield read
     for descriptor in (read, write):
         with suppress(OSError):
@@ -85,10 +102,10 @@ def guarded(
         return Verdict.DEAD
 
     action_log = ActionLog(folder)
-    monkeypatch.setattr(guard_itself, "_watch", watch)
-    monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
+    patch(monkeypatch, "guard._watch", watch)
+    patch(monkeypatch, "guard._take_over", lambda *_: ("taken over", ()))
     writer = LeaseWriter(folder, action_log)
-    return guard_itself._guard(Watch(time.monotonic()), recorder, writer, action_log), len(watched)
+    return guard_run(Watch(time.monotonic()), recorder, writer, action_log), len(watched)
 
 
 @pytest.mark.usefixtures("answers")
@@ -106,12 +123,12 @@ def test_one_that_fails_every_time_leaves_it_to_the_next(
 ) -> None:
     with pytest.raises(GuardLost, match="failed 3 times"):
         guarded(monkeypatch, tmp_path, Other(is_gone=False), 99)
-    assert said == ["the guard failed, MemoryError: none is left"] * guard_itself.TRIES
+    assert said == ["the guard failed, MemoryError: none is left"] * GUARD_TRIES
 
 
 @pytest.mark.parametrize(
     ("is_gone", "failed", "silent_s"),
-    [(True, False, 0.0), (False, True, 0.0), (False, False, HUNG_S + 0.1)],
+    [(True, False, 0.0), (False, True, 0.0), (False, False, RECORDER_HUNG_S + 0.1)],
     ids=["gone", "failed", "hung"],
 )
 @pytest.mark.usefixtures("answers")
@@ -137,7 +154,7 @@ def test_one_that_fails_every_time_hands_on_what_may_be_hot(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str]
 ) -> None:
     (left, flooded), watched = guarded(monkeypatch, tmp_path, Other(is_gone=True), 99)  # type: ignore[misc]  # a pair
-    assert (left, flooded, watched) == ([LEASE], (), guard_itself.TRIES)
+    assert (left, flooded, watched) == ([LEASE], (), GUARD_TRIES)
 
 
 @pytest.mark.parametrize("does", [True, False])
@@ -147,11 +164,11 @@ def test_one_that_answers_no_more_still_hears(
     read, write = os.pipe()
     os.write(write, f"{LEASE.to_json()}\n".encode())
     os.close(write)
-    monkeypatch.setattr(guard_itself, "STDIN", read)
+    patch(monkeypatch, "guard.STDIN", read)
     os.set_blocking(answers, False)
     watch = Watch(0.0)
     assert (
-        guard_itself._watch(watch, LeaseWriter(tmp_path, ActionLog(tmp_path)), answers=does)
+        watch_recorder(watch, LeaseWriter(tmp_path, ActionLog(tmp_path)), answers=does)
         is Verdict.DEAD
     )
     os.close(read)
@@ -164,12 +181,12 @@ def test_nothing_is_taken_over_where_all_is_done(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: int, verdict: Verdict
 ) -> None:
     action_log = ActionLog(tmp_path)
-    monkeypatch.setattr(guard_itself, "_watch", lambda *_, answers: verdict)
-    monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
+    patch(monkeypatch, "guard._watch", lambda *_, answers: verdict)
+    patch(monkeypatch, "guard._take_over", lambda *_: ("taken over", ()))
     expected = ((), ()) if verdict is Verdict.DONE else ("taken over", ())
     writer, recorder = LeaseWriter(tmp_path, action_log), Other(is_gone=False)
-    assert guard_itself._guard(Watch(0.0), recorder, writer, action_log) == expected
-    assert os.read(answers, 99) == guard_itself.READY  # the recorder sees that it is there
+    assert guard_run(Watch(0.0), recorder, writer, action_log) == expected
+    assert os.read(answers, 99) == GUARD_READY  # the recorder sees that it is there
 
 
 # -- taking over -----------------------------------------------------------------------------------
@@ -178,10 +195,10 @@ def test_nothing_is_taken_over_where_all_is_done(
 @pytest.mark.parametrize(
     ("verdict", "ended", "why"),
     [
-        (Verdict.DEAD, [(guard_itself.DYING_S, guard_itself.DEATH_S)], "the recorder died"),
+        (Verdict.DEAD, [(DYING_S, DEATH_S)], "the recorder died"),
         (
             Verdict.HUNG,
-            [(0.0, guard_itself.DEATH_S)],
+            [(0.0, DEATH_S)],
             "the recorder did not renew its lease for 2 s and was ended",
         ),
         # it has closed its ports, and has its record to finish
@@ -218,14 +235,14 @@ def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
         def run(self) -> list[StationLease]:
             return left
 
-    monkeypatch.setattr(guard_itself, "TakeOver", TakesOver)
+    patch(monkeypatch, "guard.TakeOver", TakesOver)
     watch = Watch(0.0)
     watch.stations = {LEASE.name: LEASE}
-    assert guard_itself._take_over(watch, verdict, Ends(is_gone=False), ActionLog(tmp_path)) == (
+    assert take_over_run(watch, verdict, Ends(is_gone=False), ActionLog(tmp_path)) == (
         left,
         {"dde-1"},
     )
-    row = json.loads((tmp_path / DIARY).read_text())
+    row = json.loads((tmp_path / ACTION_LOG_FILE).read_text())
     outcome, severity = (
         ("not every tool could be made safe", "critical")
         if left
@@ -244,10 +261,10 @@ def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(
     action_log = ActionLog(tmp_path)
     action_log.reserve(3)
     action_log.is_torn = is_torn
-    guard_itself._close_lease(left, LeaseWriter(tmp_path, action_log), action_log)
+    close_lease(left, LeaseWriter(tmp_path, action_log), action_log)
     assert read_leases(tmp_path) == ([LEASE] if is_torn else left)
     # what has nothing in it is taken away when all is done
-    assert (tmp_path / DIARY).exists() == bool(left)
+    assert (tmp_path / ACTION_LOG_FILE).exists() == bool(left)
 
 
 def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_lease(
@@ -262,16 +279,14 @@ def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_le
     def refused(*_: object) -> None:
         raise OSError(errno.EMFILE, "Too many open files")
 
-    monkeypatch.setattr(leases, "write_leases", refused)
-    monkeypatch.setattr(guard_itself, "guard_lock", refused)
+    patch(monkeypatch, "lease.write_leases", refused)
+    patch(monkeypatch, "guard.guard_lock", refused)
     lease_writer.put([LEASE])
     lease_writer.settle(60.0)
-    (tmp_path / leases.NAME).unlink()
-    monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.01)
-    monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 60.0)
+    (tmp_path / LEASES_FILE).unlink()
+    patch(monkeypatch, "guard.RETRY_EVERY_S", 0.01)
+    patch(monkeypatch, "guard.RETRY_FOR_S", 60.0)
     began = time.monotonic()
     with Inquiries(tmp_path) as inquiries:
-        guard_itself._retry(
-            tmp_path, [LEASE], (), Continuity(), inquiries, lease_writer, action_log
-        )
+        retry_orders(tmp_path, [LEASE], (), Continuity(), inquiries, lease_writer, action_log)
     assert time.monotonic() - began < 30

@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.errors import StartRefused
-from jbclog.core.rows import StationFacts
-from jbclog.guard import supervisor
-from jbclog.guard.supervisor import RunGuard, lease_of
+from support.product import RunGuard, StartRefused, StationFacts, lease_of, patch
 
 
 def facts(outcome: str, may_feed: bool, **safe_state: str) -> StationFacts:
@@ -87,7 +84,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> type[Process]:
     class Mine(Process):
         made: list[Process] = []  # noqa: RUF012  # of this test
 
-    monkeypatch.setattr(supervisor, "GuardProcess", Mine)
+    patch(monkeypatch, "supervisor.GuardProcess", Mine)
     return Mine
 
 

@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import pytest
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.serial_line import LineFormat
-from jbclog.guard.continuity import Hours
-from jbclog.guard.identifying import NO_HOURS, identify
-from jbclog.guard.lease import StationLease
-from jbclog.protocol.client.robot import Station
-from jbclog.sim.virtual import VirtualStation
 from support.clients.making_safe import ASKED_AT, Cable, station
+from support.product import (
+    NO_HOURS,
+    Hours,
+    LineFormat,
+    Station,
+    StationLease,
+    VirtualStation,
+    identify_for_guard,
+)
 
 READ_AT = ASKED_AT - 60.0
 
@@ -47,8 +49,8 @@ def identified(
     asked: list[str] = []
     result: list[bool] = []
 
-    def steps() -> Steps[None]:
-        is_it = yield from identify(Station(LineFormat()), lease, hours, others.append)
+    async def steps() -> None:
+        is_it = await identify_for_guard(Station(LineFormat()), lease, hours, others.append)
         result.append(is_it)
 
     Cable(device, before=asked.append).pull(steps())

@@ -12,11 +12,17 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.guard.continuity import Proof
-from jbclog.guard.inquiry import Inquiries, Inquiry, Unsafe, answer
-from jbclog.guard.supervisor import ANSWERED_AT_ONCE, GuardProcess
-from jbclog.guard.watch import Watch
-from jbclog.transport.device import PortDevice
+from support.product import (
+    ANSWERED_AT_ONCE,
+    GuardProcess,
+    Inquiries,
+    Inquiry,
+    PortDevice,
+    Proof,
+    Unsafe,
+    Watch,
+    answer_inquiry,
+)
 
 UNSAFE = Unsafe("ucr-1", "/dev/ttyUSB0", {1: "stand was ordered 3 times"}, 3, None)
 
@@ -30,7 +36,7 @@ def test_a_question_gets_the_result_and_the_guard_waits_until_it_is_closed(tmp_p
         resumed = threading.Event()
 
         def work() -> None:
-            answer(asking, [UNSAFE])
+            answer_inquiry(asking, [UNSAFE])
             resumed.set()
 
         threading.Thread(target=work, daemon=True).start()

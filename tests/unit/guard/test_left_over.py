@@ -12,13 +12,23 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.locks import NAME as LOCK
-from jbclog.core.locks import is_held
-from jbclog.guard import lease, open_leases
-from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease, guard_lock, read_leases, write_leases
-from jbclog.guard.open_leases import IsRecording, LeftOver, Seen, close, settle
 from support.faults.guarded import actions_in
+from support.product import (
+    LEASES_FILE,
+    RUN_LOCK,
+    IsRecording,
+    LeftOver,
+    Seen,
+    StationLease,
+    close_leases,
+    guard_lock,
+    is_lock_held,
+    patch,
+    read_leases,
+    runs_below,
+    settle_leases,
+    write_leases,
+)
 
 URL = "/dev/no1"
 LEASE = StationLease("ale-1", URL, 19200, "8N1", 1, "ale", "ALE", "1.0", "stand", (1, 2), True)
@@ -75,7 +85,7 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
     left: tuple[tuple[int, ...], bool] | None,
     lines: list[tuple[str, str, int | None, str]],
 ) -> None:
-    assert close(
+    assert close_leases(
         [URL], lambda station: seen if station == LEASE else None, nobody, "jbclog safe"
     ) == [run]
     after = {one.name: one for one in read_leases(run)}
@@ -88,9 +98,9 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
 
 def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> None:
     seen = {"ale-1": SAFE, "dde-2": Seen("ALE", {1: "stand"}, True)}
-    assert close([URL, OTHER.url], lambda station: seen[station.name], nobody, "jbclog safe") == [
-        run
-    ]
+    assert close_leases(
+        [URL, OTHER.url], lambda station: seen[station.name], nobody, "jbclog safe"
+    ) == [run]
     assert read_leases(run) == [replace(OTHER, ports=(2,), feeds=False)]
     kind, severity, _, text = actions_in(run)[-1]
     assert (kind, severity) == ("guard.left_over", "critical")
@@ -107,15 +117,15 @@ def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> Non
     ids=["nobody", "other", "nameless"],
 )
 def test_where_another_was_seen_or_none_nothing_is_closed(run: Path, seen: Seen | None) -> None:
-    assert close([URL], lambda _: seen, nobody, "jbclog safe") == []
+    assert close_leases([URL], lambda _: seen, nobody, "jbclog safe") == []
     assert (read_leases(run), actions_in(run)) == ([LEASE, OTHER], [])
 
 
 def test_a_run_that_goes_on_or_has_its_guard_there_closes_its_lease_itself(run: Path) -> None:
-    assert close([URL], lambda _: SAFE, lambda folder: folder == run, "jbclog safe") == []
+    assert close_leases([URL], lambda _: SAFE, lambda folder: folder == run, "jbclog safe") == []
     with guard_lock(run):
-        assert close([URL], lambda _: SAFE, nobody, "jbclog safe") == []
-    assert close(["/dev/no3"], lambda _: SAFE, nobody, "jbclog safe") == []
+        assert close_leases([URL], lambda _: SAFE, nobody, "jbclog safe") == []
+    assert close_leases(["/dev/no3"], lambda _: SAFE, nobody, "jbclog safe") == []
     assert (read_leases(run), actions_in(run)) == ([LEASE, OTHER], [])
 
 
@@ -125,8 +135,8 @@ def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(
     def full(*_: object) -> None:
         raise OSError("no space")
 
-    monkeypatch.setattr(ActionLog, "_write", full)
-    close([URL], lambda _: SAFE, nobody, "jbclog safe")
+    patch(monkeypatch, "ActionLog._write", full)
+    close_leases([URL], lambda _: SAFE, nobody, "jbclog safe")
     assert read_leases(run) == [LEASE, OTHER]
 
 
@@ -136,8 +146,8 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
     def no_lock(*_: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(open_leases, "guard_lock", no_lock)
-    settled = settle(run.parent, [URL], nobody)
+    patch(monkeypatch, "open_leases.guard_lock", no_lock)
+    settled = settle_leases(run.parent, [URL], nobody)
     assert settled == [LeftOver(False, settled[0].text)]
     assert "Run run left tools hot, and they could not be made safe: " in settled[0].text
     assert "Read-only file system" in settled[0].text
@@ -147,30 +157,30 @@ def may_not_be_read(folder: Path) -> bool:
     raise PermissionError(errno.EACCES, "Permission denied", folder)
 
 
-@pytest.mark.parametrize("is_recording", [is_held, may_not_be_read])
+@pytest.mark.parametrize("is_recording", [is_lock_held, may_not_be_read])
 def test_a_run_whose_lock_is_no_file_or_may_not_be_read_keeps_nobody(
     run: Path, monkeypatch: pytest.MonkeyPatch, is_recording: IsRecording
 ) -> None:
-    os.mkfifo(run / LOCK)
+    os.mkfifo(run / RUN_LOCK)
     seen = {LEASE: SAFE}
-    assert close([URL], seen.get, is_recording, "jbclog safe") == [run]
-    monkeypatch.setattr(open_leases, "_take_over", lambda folder, *_: LeftOver(True, folder.name))
-    assert settle(run.parent, [OTHER.url], is_recording) == [LeftOver(True, "run")]
-    (run / lease.NAME).write_text("{", encoding="utf-8")
-    (left,) = settle(run.parent, [OTHER.url], is_recording)
+    assert close_leases([URL], seen.get, is_recording, "jbclog safe") == [run]
+    patch(monkeypatch, "open_leases._take_over", lambda folder, *_: LeftOver(True, folder.name))
+    assert settle_leases(run.parent, [OTHER.url], is_recording) == [LeftOver(True, "run")]
+    (run / LEASES_FILE).write_text("{", encoding="utf-8")
+    (left,) = settle_leases(run.parent, [OTHER.url], is_recording)
     assert left.text.endswith("Make them safe with `jbclog safe`, then remove that file.")
 
 
 def test_a_lease_whose_folder_is_not_there_is_named_at_each_start_and_hides_no_other(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(open_leases, "_settle", lambda folder, *_: LeftOver(True, folder.name))
+    patch(monkeypatch, "open_leases._settle", lambda folder, *_: LeftOver(True, folder.name))
     away = tmp_path / "disk" / "a"
     away.mkdir(parents=True)
     write_leases(away, [LEASE])
     away.parent.rename(tmp_path / "elsewhere")
     for _ in range(2):
-        settled, not_known = settle(run.parent, [URL], nobody)
+        settled, not_known = settle_leases(run.parent, [URL], nobody)
         assert (settled, not_known.is_safe) == (LeftOver(True, "run"), False)
         assert not_known.text.startswith(f"{away} is not there, and its disk may not be mounted")
         assert not_known.text.endswith(
@@ -180,21 +190,21 @@ def test_a_lease_whose_folder_is_not_there_is_named_at_each_start_and_hides_no_o
 
 def test_leases_below_a_folder_are_found_also_behind_a_link(run: Path, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
-    assert lease.runs_below(tmp_path / "out" / "not there") == ([], [])
-    assert lease.runs_below(tmp_path / "out") == ([], [])
+    assert runs_below(tmp_path / "out" / "not there") == ([], [])
+    assert runs_below(tmp_path / "out") == ([], [])
     (tmp_path / "out" / "verifications.jsonl").touch()
     (tmp_path / "out" / "gone").symlink_to("nowhere")
     (tmp_path / "out" / "linked").symlink_to(run)
-    assert lease.runs_below(tmp_path / "out") == ([run], [])
+    assert runs_below(tmp_path / "out") == ([run], [])
 
 
 def test_a_guard_that_stays_is_not_waited_for_without_end(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(open_leases, "PATIENCE_S", 0.05)
-    monkeypatch.setattr(open_leases, "RETRY_S", 0.01)
+    patch(monkeypatch, "open_leases.PATIENCE_S", 0.05)
+    patch(monkeypatch, "open_leases.RETRY_S", 0.01)
     with guard_lock(run):
-        assert settle(run.parent, [URL], nobody) == []
+        assert settle_leases(run.parent, [URL], nobody) == []
     assert read_leases(run) == [LEASE, OTHER]
 
 
@@ -206,14 +216,14 @@ def test_of_many_leases_the_newest_are_settled_and_the_others_told(
     for folder in (newer, open_run):
         folder.mkdir()
         write_leases(folder, [LEASE])
-    monkeypatch.setattr(open_leases, "SETTLE_S", 0.05)
+    patch(monkeypatch, "open_leases.SETTLE_S", 0.05)
 
     def slow(folder: Path, *_: object) -> LeftOver:
         time.sleep(0.06)
         return LeftOver(True, folder.name)
 
-    monkeypatch.setattr(open_leases, "_settle", slow)
-    assert settle(run.parent, [URL], lambda folder: folder == open_run) == [
+    patch(monkeypatch, "open_leases._settle", slow)
+    assert settle_leases(run.parent, [URL], lambda folder: folder == open_run) == [
         LeftOver(True, "run-2"),
         LeftOver(
             False,

@@ -19,25 +19,34 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.errors import RecordError
-from jbclog.core.files import LIMITS, Kind
-from jbclog.guard import __main__ as guard_itself
-from jbclog.guard import lease as leases
-from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
-from jbclog.guard.lease import (
-    LOCK,
-    NAME,
-    NEW,
+from support.product import (
+    FILE_LIMITS,
+    LEASE_LOCK,
+    LEASES_FILE,
+    LEAST_BYTES,
+    LINE_BYTES,
+    NEW_LEASES_FILE,
+    RECORDED_ACTION_LOG,
+    RECORDED_LEASES,
+    RECORDED_LOCK,
+    ActionLog,
+    FileKind,
+    LeaseWriter,
+    RecordError,
     StationLease,
+    check_run,
+    close_lease,
     guard_lock,
+    left_leases,
+    patch,
+    read_annotations,
     read_leases,
+    recorded_actions,
+    recover_run,
     registered_runs,
+    tidy_actions,
     write_leases,
 )
-from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.record import annotations, conclude, guard_actions
-from jbclog.record.check import check
-from jbclog.record.recover import recover
 from support.records import few_rows
 
 
@@ -74,7 +83,7 @@ def test_a_disk_that_does_not_take_a_lease_keeps_the_old_one_and_nothing_of_the_
     with pytest.raises(OSError, match="Input/output"):
         write_leases(tmp_path, [lease("b")])
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
-    assert [path.name for path in tmp_path.iterdir()] == [NAME]
+    assert [path.name for path in tmp_path.iterdir()] == [LEASES_FILE]
 
 
 def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(
@@ -88,18 +97,18 @@ def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(
 
     monkeypatch.setattr(os, "fsync", note)
     write_leases(tmp_path, [lease("a"), lease("b")])
-    found = (tmp_path / NAME).stat()
+    found = (tmp_path / LEASES_FILE).stat()
     # a power cut at any moment leaves the old one or the new one
     assert synced == [(found.st_ino, found.st_size), "folder"]
 
 
 def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
     write_leases(tmp_path, [lease("a"), lease("b")])
-    first, second = (tmp_path / NAME).read_text().splitlines()
+    first, second = (tmp_path / LEASES_FILE).read_text().splitlines()
     newer = json.dumps(json.loads(first) | {"what a later version has": 1})
-    (tmp_path / NAME).write_text(f"{newer}\n{second[:-5]}\n\n{second}\n")
+    (tmp_path / LEASES_FILE).write_text(f"{newer}\n{second[:-5]}\n\n{second}\n")
     assert [one.name for one in read_leases(tmp_path)] == ["b"]
-    assert sorted(conclude.left_leases(tmp_path)) == ["a", "b"]  # people are told of both
+    assert sorted(left_leases(tmp_path)) == ["a", "b"]  # people are told of both
 
 
 def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
@@ -112,7 +121,7 @@ def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
     assert replace(lease(), url="socket://h:1").is_at("socket://h:1")
 
 
-@pytest.mark.parametrize("name", [NAME, f"{NAME}.new"])
+@pytest.mark.parametrize("name", [LEASES_FILE, f"{LEASES_FILE}.new"])
 def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> None:
     folder, foreign = tmp_path / "run", tmp_path / "foreign"
     folder.mkdir()
@@ -121,8 +130,8 @@ def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> N
     write_leases(folder, [lease("a")])
     assert foreign.read_text() == "somebody's"
     assert [one.name for one in read_leases(folder)] == ["a"]
-    assert [path.name for path in folder.iterdir()] == [NAME]
-    assert not (folder / NAME).is_symlink()
+    assert [path.name for path in folder.iterdir()] == [LEASES_FILE]
+    assert not (folder / LEASES_FILE).is_symlink()
 
 
 @pytest.mark.parametrize("error", [OSError, MemoryError])
@@ -139,12 +148,12 @@ def test_a_lease_that_cannot_be_written_leaves_no_half_of_one(
 
 
 def test_a_closed_lease_leaves_no_half_of_a_killed_guard_behind(tmp_path: Path) -> None:
-    (tmp_path / NEW).write_text("half")
+    (tmp_path / NEW_LEASES_FILE).write_text("half")
     write_leases(tmp_path, [])
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", [NAME, guard_actions.ACTION_LOG])
+@pytest.mark.parametrize("name", [LEASES_FILE, RECORDED_ACTION_LOG])
 def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(
     tmp_path: Path, name: str
 ) -> None:
@@ -152,19 +161,19 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(
     folder.mkdir()
     foreign.write_text(f"{lease('a').to_json()}\n\n\n")
     (folder / name).symlink_to(foreign)
-    for look in (read_leases, conclude.left_leases, guard_actions.action_log, guard_actions.tidy):
+    for look in (read_leases, left_leases, recorded_actions, tidy_actions):
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
         (
             ActionLog(folder).reserve(1)
-            if name == guard_actions.ACTION_LOG
+            if name == RECORDED_ACTION_LOG
             else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
         )
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
-    for look in (read_leases, conclude.left_leases):
+    for look in (read_leases, left_leases):
         assert not look(folder)
 
 
@@ -269,7 +278,7 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
         goes_on.wait(60)
         written.append([station.name for station in stations])
 
-    monkeypatch.setattr(leases, "write_leases", hanging)
+    patch(monkeypatch, "lease.write_leases", hanging)
     lease_writer, began = LeaseWriter(tmp_path, ActionLog(tmp_path)), time.monotonic()
     for name in "abcde":
         lease_writer.put([lease(name)])
@@ -287,39 +296,39 @@ def test_a_lease_that_stays_open_is_on_the_disk_before_the_guard_ends(
     """A take-over may be faster than the disk; a lease stays open where a line of the action log is
     lost.
     """
-    really = leases.write_leases
-    monkeypatch.setattr(leases, "write_leases", lambda *asked: time.sleep(0.3) or really(*asked))
-    monkeypatch.setattr(guard_itself, "WRITE_S", 60.0)  # a busy machine's disk takes its time
+    really = write_leases
+    patch(monkeypatch, "lease.write_leases", lambda *asked: time.sleep(0.3) or really(*asked))
+    patch(monkeypatch, "guard.WRITE_S", 60.0)  # a busy machine's disk takes its time
     action_log = ActionLog(tmp_path)
     lease_writer = LeaseWriter(tmp_path, action_log)
     lease_writer.put([lease("a")])
     action_log.is_torn = True
-    guard_itself._close_lease([], lease_writer, action_log)
+    close_lease([], lease_writer, action_log)
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
 
 
 def test_a_disk_that_is_full_is_no_reason_to_stop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lease_writer, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.write_leases
+    lease_writer, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), write_leases
 
     def full(folder: Path, stations: list[StationLease]) -> None:
         raise OSError(errno.ENOSPC, "no room")
 
-    monkeypatch.setattr(leases, "write_leases", full)
+    patch(monkeypatch, "lease.write_leases", full)
     lease_writer.put([lease("a")])
     lease_writer.settle(60.0)
     assert not lease_writer.was_cleared  # it never was there: nobody else has seen to it
-    monkeypatch.setattr(leases, "write_leases", really)
+    patch(monkeypatch, "lease.write_leases", really)
     lease_writer.put([lease("a")])
     lease_writer.settle(60.0)
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
-    (tmp_path / NAME).unlink()
+    (tmp_path / LEASES_FILE).unlink()
     assert lease_writer.was_cleared
 
 
 def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: Path) -> None:
-    (tmp_path / guard_actions.ACTION_LOG).mkdir()
+    (tmp_path / RECORDED_ACTION_LOG).mkdir()
     action_log = ActionLog(tmp_path)
     action_log.write("guard.took_over", "error", "text")
     action_log.tidy()
@@ -330,14 +339,14 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
     folder = few_rows.abandoned(tmp_path)
     action_log = ActionLog(folder, "jbclog run")
     action_log.write("guard.took_over", "error", "before")
-    recover(folder)
-    sealed = (folder / guard_actions.ACTION_LOG).read_bytes()
+    recover_run(folder)
+    sealed = (folder / RECORDED_ACTION_LOG).read_bytes()
     action_log.reserve()
     action_log.write("safety.safe_state", "info", "The tool is safe.", "a", 2)
     action_log.tidy()
-    assert (check(folder), (folder / guard_actions.ACTION_LOG).read_bytes()) == ([], sealed)
-    assert [event.text for event in guard_actions.action_log(folder)] == ["before"]
-    (said,) = annotations.read(folder).said
+    assert (check_run(folder), (folder / RECORDED_ACTION_LOG).read_bytes()) == ([], sealed)
+    assert [event.text for event in recorded_actions(folder)] == ["before"]
+    (said,) = read_annotations(folder).said
     assert (said.who, said.what, said.kind) == (
         "jbclog run",
         "a port 2: The tool is safe.",
@@ -349,7 +358,7 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
 
 
 def blocks(folder: Path) -> int:
-    return (folder / guard_actions.ACTION_LOG).stat().st_blocks * 512
+    return (folder / RECORDED_ACTION_LOG).stat().st_blocks * 512
 
 
 def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: Path) -> None:
@@ -362,9 +371,9 @@ def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: 
     for number in range(1000):
         action_log.write("safety.safe_state", "info", "x" * 300, "a", number)
     assert blocks(tmp_path) == room
-    assert [event.port for event in guard_actions.action_log(tmp_path)] == list(range(1000))
+    assert [event.port for event in recorded_actions(tmp_path)] == list(range(1000))
     action_log.tidy()
-    assert (tmp_path / guard_actions.ACTION_LOG).read_bytes().splitlines()[-1].startswith(b"{")
+    assert (tmp_path / RECORDED_ACTION_LOG).read_bytes().splitlines()[-1].startswith(b"{")
     assert blocks(tmp_path) < room
 
 
@@ -386,13 +395,13 @@ def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_t
         action_log.write("safety.safe_state", "info", "x" * 300, "a", lines)
         lines += 1
     assert lines > LEAST_BYTES / LINE_BYTES
-    assert [event.port for event in guard_actions.action_log(tmp_path)] == list(range(lines - 1))
+    assert [event.port for event in recorded_actions(tmp_path)] == list(range(lines - 1))
 
 
 def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
     action_log = ActionLog(tmp_path)
     action_log.reserve()
-    assert guard_actions.action_log(tmp_path) == []
+    assert recorded_actions(tmp_path) == []
     action_log.tidy()
     action_log.tidy()
     assert list(tmp_path.iterdir()) == []
@@ -402,14 +411,14 @@ def tidied_by_a_guard(folder: Path) -> None:
     ActionLog(folder).tidy()
 
 
-TIDIES = (guard_actions.tidy, tidied_by_a_guard)
+TIDIES = (tidy_actions, tidied_by_a_guard)
 
 
 @pytest.mark.parametrize("tidy", TIDIES)
 def test_what_takes_the_diarys_name_while_it_is_tidied_is_not_cut(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tidy: Callable[[Path], None]
 ) -> None:
-    path, other, really = tmp_path / guard_actions.ACTION_LOG, tmp_path / "other", os.open
+    path, other, really = tmp_path / RECORDED_ACTION_LOG, tmp_path / "other", os.open
     path.write_text("{}\n\n\n")
     other.write_text("a longer line than that\n")
 
@@ -429,7 +438,7 @@ def test_what_takes_the_diarys_name_while_it_is_tidied_is_not_cut(
 def test_a_diary_that_no_guard_has_written_is_not_tidied(
     tmp_path: Path, tidy: Callable[[Path], None]
 ) -> None:
-    path, size = tmp_path / guard_actions.ACTION_LOG, LIMITS[Kind.ACTION_LOG] + 1
+    path, size = tmp_path / RECORDED_ACTION_LOG, FILE_LIMITS[FileKind.ACTION_LOG] + 1
     path.write_bytes(b"\n" * size)
     with suppress(OSError):
         tidy(tmp_path)
@@ -440,12 +449,12 @@ def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:
     action_log = ActionLog(tmp_path)
     action_log.reserve()
     action_log.write("guard.took_over", "error", "first")
-    with (tmp_path / guard_actions.ACTION_LOG).open("r+b") as file:
+    with (tmp_path / RECORDED_ACTION_LOG).open("r+b") as file:
         data = file.read().rstrip(b"\n")
         file.seek(len(data) - 10)
         file.write(b"\n" * 10)
     ActionLog(tmp_path).write("guard.took_over", "error", "second")
-    assert [event.text for event in guard_actions.action_log(tmp_path)] == ["second"]
+    assert [event.text for event in recorded_actions(tmp_path)] == ["second"]
 
 
 def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
@@ -453,14 +462,14 @@ def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
     second = ActionLog(tmp_path)
     second.reserve()
     second.write("guard.took_over", "error", "second")
-    assert [event.text for event in guard_actions.action_log(tmp_path)] == ["first", "second"]
+    assert [event.text for event in recorded_actions(tmp_path)] == ["first", "second"]
 
 
 # -- one guard -------------------------------------------------------------------------------------
 
 
 def test_guard_and_record_mean_the_same_files() -> None:
-    assert (guard_actions.LOCK, guard_actions.LEASE) == (LOCK, NAME)
+    assert (RECORDED_LOCK, RECORDED_LEASES) == (LEASE_LOCK, LEASES_FILE)
 
 
 def test_there_is_one_and_not_two(tmp_path: Path) -> None:
@@ -503,18 +512,18 @@ def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
         guard_lock(folder),
         pytest.raises(RecordError, match="its guard is at work; nothing was changed"),
     ):
-        recover(folder, 0.1)
+        recover_run(folder, 0.1)
     ActionLog(folder).write(
         "safety.safe_state", "info", "The tool was put in its safe state.", "a", 1
     )
-    (folder / LOCK).touch()  # as one that was killed leaves it
-    recover(folder, 0.1)
-    assert not (folder / LOCK).exists()
-    assert check(folder) == []
+    (folder / LEASE_LOCK).touch()  # as one that was killed leaves it
+    recover_run(folder, 0.1)
+    assert not (folder / LEASE_LOCK).exists()
+    assert check_run(folder) == []
 
 
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").touch()
-    (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")
+    (tmp_path / LEASE_LOCK).symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OSError, match=os.strerror(errno.ELOOP)), guard_lock(tmp_path):
         pass

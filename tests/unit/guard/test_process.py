@@ -16,16 +16,27 @@ from typing import Any
 
 import pytest
 
-import jbclog
-from jbclog.core.errors import StartRefused
-from jbclog.guard import supervisor as supervisor_itself
-from jbclog.guard.lease import LOCK, StationLease, read_leases
-from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.supervisor import UNANSWERED_MOST, GuardProcess, GuardSupervisor
-from jbclog.guard.watch import BEAT, RENEW_S, GuardLost
 from support.campaigns.awaited import HAS_A_GUARD
 from support.command import until
 from support.faults.guarded import guard_process
+from support.product import (
+    IMPORT_GUARD,
+    LEASE_LOCK,
+    LEASES_FILE,
+    PACKAGE,
+    PATIENT_GUARD,
+    RENEW_S,
+    RUN_LOCK,
+    UNANSWERED_MOST,
+    WATCH_BEAT,
+    GuardLost,
+    GuardProcess,
+    GuardSupervisor,
+    StartRefused,
+    StationLease,
+    patch,
+    read_leases,
+)
 
 HEAVY = (
     "pydantic",
@@ -76,40 +87,28 @@ def lease(number: int) -> StationLease:
 UNKNOWN = replace(lease(1), family="of a later version")
 
 
-# A guard ends a recorder that is silent for two seconds, and here that is the program of the tests,
-# which a busy machine may keep for longer. It waits a second for its disk, too.
-PATIENT = """
-import runpy
-from jbclog.guard import lease_writer, watch
-watch.HUNG_S = 600.0
-settle = lease_writer.LeaseWriter.settle
-lease_writer.LeaseWriter.settle = lambda writer, _: settle(writer, 600.0)
-runpy.run_module("jbclog.guard", run_name="__main__", alter_sys=True)
-"""
-
-
 class PatientGuard(subprocess.Popen[bytes]):
     """A guard that waits ten minutes for a silent recorder, and for a slow disk."""
 
     def __init__(self, command: list[str], **how: Any) -> None:
         place = command.index("-m")
         assert command[place + 1] == "jbclog.guard"
-        super().__init__([*command[:place], "-c", PATIENT, *command[place + 2 :]], **how)
+        super().__init__([*command[:place], "-c", PATIENT_GUARD, *command[place + 2 :]], **how)
 
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is tested here is none of the limits of time, but for those that a test names."""
     patient = SimpleNamespace(**{**vars(subprocess), "Popen": PatientGuard})
-    monkeypatch.setattr(supervisor_itself, "subprocess", patient)
-    monkeypatch.setattr(supervisor_itself, "READY_S", 100.0)
-    monkeypatch.setattr(supervisor_itself, "END_S", 100.0)
+    patch(monkeypatch, "supervisor.subprocess", patient)
+    patch(monkeypatch, "supervisor.READY_S", 100.0)
+    patch(monkeypatch, "supervisor.END_S", 100.0)
 
 
 def until_it(guard: GuardProcess | None, true: Callable[[], bool]) -> bool:
     """Wait, and renew meanwhile."""
     assert guard is not None
-    return until(lambda: guard._send(BEAT) or true())  # type: ignore[func-returns-value]
+    return until(lambda: guard._send(WATCH_BEAT) or true())  # type: ignore[func-returns-value]
 
 
 @pytest.fixture
@@ -126,7 +125,7 @@ def guard(tmp_path: Path) -> Iterator[GuardProcess]:
 def test_it_imports_next_to_nothing() -> None:
     names = (*HEAVY, *(f"jbclog.{name}" for name in PACKAGES))
     code = (  # coverage, where it is measured, has loaded some before
-        "import sys\nbefore = {*sys.modules}\nimport jbclog.guard.__main__\n"
+        f"import sys\nbefore = {{*sys.modules}}\n{IMPORT_GUARD}\n"
         f"print(*[name for name in {names!r} if name in sys.modules.keys() - before])"
     )
     done = subprocess.run(
@@ -152,7 +151,7 @@ def test_a_file_of_the_users_does_not_pass_for_a_module(
 def test_it_leaves_nothing_behind_when_all_is_done(guard: GuardProcess, tmp_path: Path) -> None:
     guard.lease(lease(1))
     assert until_it(guard, lambda: read_leases(tmp_path) == [lease(1)])
-    assert (tmp_path / LOCK).exists()
+    assert (tmp_path / LEASE_LOCK).exists()
     guard.end()
     assert list(tmp_path.iterdir()) == []
 
@@ -184,7 +183,7 @@ def test_one_that_does_not_start_says_so(tmp_path: Path) -> None:
 
 def test_one_that_cannot_lock_its_folder_says_why_in_a_sentence(tmp_path: Path) -> None:
     # as a full disk would, this refuses the lock's file
-    (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")
+    (tmp_path / LEASE_LOCK).symlink_to(tmp_path / "elsewhere")
     command = [sys.executable, "-m", "jbclog.guard", str(tmp_path), "--recorder", str(os.getpid())]
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=200
@@ -264,7 +263,7 @@ def test_what_is_told_again_is_not_sent_again(
 def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(
     guard: GuardProcess, tmp_path: Path
 ) -> None:
-    (tmp_path / "live.lock").touch()
+    (tmp_path / RUN_LOCK).touch()
     guard.lease(UNKNOWN)
     guard.take_over()
     assert "because the recorder failed" in (tmp_path / "guard.jsonl").read_text()
@@ -319,7 +318,7 @@ def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path)
         "guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); print(guard.pid,"
         " flush=True); os._exit(0)"
     )
-    (tmp_path / "live.lock").touch()
+    (tmp_path / RUN_LOCK).touch()
     support = str(Path(__file__).parents[2])
     command = [sys.executable, "-c", code, str(tmp_path), support]
     done = subprocess.run(
@@ -351,7 +350,7 @@ def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     assert first is not None
     os.kill(first, signal.SIGKILL)
     os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)  # it writes no more
-    (tmp_path / LEASE).unlink(missing_ok=True)
+    (tmp_path / LEASES_FILE).unlink(missing_ok=True)
     assert until(lambda: supervisor.renew() or supervisor.pid != first)
     names = {"dde-0", "dde-1", "dde-2"}
     assert until_it(supervisor._guard, lambda: {one.name for one in read_leases(tmp_path)} == names)
@@ -375,7 +374,7 @@ def test_a_guard_is_replaced_however_often_it_is_lost(
     told: list[str] = []
     supervisor = GuardSupervisor(tmp_path, lambda kind, text: told.append(text))
     supervisor.end()
-    monkeypatch.setattr("jbclog.guard.supervisor.GuardProcess", _Lost)
+    patch(monkeypatch, "supervisor.GuardProcess", _Lost)
     supervisor._guard = _Lost(tmp_path)  # type: ignore[assignment]
     for _ in range(50):
         supervisor.renew()
@@ -419,7 +418,7 @@ def test_nothing_in_the_package_forks_or_hands_all_descriptors_over() -> None:
         r'os\.fork|forkpty|multiprocessing\.(?!get_context\("spawn"\))|from'
         r" multiprocessing|close_fds=False|posix_spawn|os\.exec"
     )
-    files = Path(jbclog.__file__).parent.rglob("*.py")
+    files = PACKAGE.rglob("*.py")
     assert [path.name for path in files if forking.search(path.read_text(encoding="utf-8"))] == []
 
 
@@ -429,17 +428,17 @@ def test_the_lease_is_closed_at_the_end_whatever_became_of_the_guard(tmp_path: P
     """
     supervisor = GuardSupervisor(tmp_path, lambda kind, text: None)
     supervisor.lease(UNKNOWN)
-    assert until_it(supervisor._guard, (tmp_path / LEASE).exists)
+    assert until_it(supervisor._guard, (tmp_path / LEASES_FILE).exists)
     assert supervisor.pid is not None
     os.kill(supervisor.pid, signal.SIGKILL)
     supervisor.end()
-    assert not (tmp_path / LEASE).exists()
+    assert not (tmp_path / LEASES_FILE).exists()
 
 
 def test_a_lease_that_was_handed_over_is_the_guard_s(tmp_path: Path) -> None:
     supervisor = GuardSupervisor(tmp_path, lambda kind, text: None)
     supervisor.lease(UNKNOWN)
-    assert until_it(supervisor._guard, (tmp_path / LEASE).exists)
+    assert until_it(supervisor._guard, (tmp_path / LEASES_FILE).exists)
     assert supervisor._guard is not None
     supervisor._guard._process.kill()  # before it has made anything safe
     supervisor._guard._process.wait()

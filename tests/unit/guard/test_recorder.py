@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from jbclog.guard.watch import Recorder
+from support.product import Recorder
 
 SLEEP = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
 

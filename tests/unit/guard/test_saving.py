@@ -8,8 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from jbclog.guard import takeover
-from jbclog.guard.takeover import OnceInThread
+from support.product import OnceInThread, patch
 
 
 def started_nothing(work: Callable[[], None], arguments: tuple[()]) -> int:
@@ -24,7 +23,7 @@ def refused(work: Callable[[], None], arguments: tuple[()]) -> int:
 
 
 def test_a_thread_does_it_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(takeover, "BEGUN_S", 60.0)
+    patch(monkeypatch, "takeover.BEGUN_S", 60.0)
     done: list[int] = []
     one = OnceInThread(lambda: done.append(threading.get_ident()))
     one.begin()
@@ -39,7 +38,7 @@ def test_what_no_thread_begins_is_done_here(
     monkeypatch: pytest.MonkeyPatch, start: Callable[..., int]
 ) -> None:
     monkeypatch.setattr(_thread, "start_new_thread", start)
-    monkeypatch.setattr(takeover, "BEGUN_S", 0.02)
+    patch(monkeypatch, "takeover.BEGUN_S", 0.02)
     done: list[int] = []
     several = [OnceInThread(lambda: done.append(threading.get_ident())) for _ in range(3)]
     for one in several:
@@ -50,18 +49,28 @@ def test_what_no_thread_begins_is_done_here(
     assert done == [threading.get_ident()] * 3
 
 
-def test_one_that_hangs_is_not_awaited_for_ever() -> None:
+def test_one_that_hangs_is_not_awaited_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    patch(monkeypatch, "takeover.BEGUN_S", 60.0)
     hold = threading.Event()
-    one = OnceInThread(lambda: hold.wait(10.0) and None)
+    over: list[bool] = []
+
+    def hang() -> None:
+        hold.wait(60.0)
+        over.append(True)
+
+    one = OnceInThread(hang)
     one.begin()
     one.do_unless_begun()
     one.await_done(0.02)
+    assert over == []
     hold.set()
+    one.await_done(60.0)
+    assert over == [True]
 
 
 def test_one_that_breaks_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_thread, "start_new_thread", refused)
-    monkeypatch.setattr(takeover, "BEGUN_S", 0.0)
+    patch(monkeypatch, "takeover.BEGUN_S", 0.0)
 
     def broken() -> None:
         raise ValueError("broken")

@@ -11,16 +11,20 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.errors import LinkFlooded
-from jbclog.core.states import SafetyResult
-from jbclog.guard import takeover
-from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease
-from jbclog.guard.takeover import OPENING, TakeOver
-from jbclog.protocol.commands.status import EXTRACTOR, STAND
-from jbclog.session.safety.tools import SafetyTask
-from jbclog.transport.opening import BESIDE
 from support.faults.guarded import actions_in
+from support.product import (
+    BESIDE,
+    EXTRACTOR,
+    OPENING,
+    STAND,
+    ActionLog,
+    LinkFlooded,
+    SafetyResult,
+    SafetyTask,
+    StationLease,
+    TakeOver,
+    patch,
+)
 
 LEASE = StationLease(
     "dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False
@@ -32,8 +36,8 @@ def becomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[SafetyTask],
     """What is made of the task, in place of talking to a station."""
 
     def make(outcome: Callable[[SafetyTask], None]) -> None:
-        monkeypatch.setattr(takeover, "secure", lambda task: task)
-        monkeypatch.setattr(takeover.blocking, "run", lambda task, *_, **__: outcome(task))
+        patch(monkeypatch, "takeover.secure", lambda task: task)
+        patch(monkeypatch, "takeover.blocking.run", lambda task, *_, **__: outcome(task))
 
     return make
 

@@ -8,19 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.guard.lease import StationLease
-from jbclog.guard.watch import (
-    BEAT,
-    END,
-    FAILED,
-    GRACE_S,
-    HUNG_S,
+from support.campaigns.slices import first
+from support.product import (
     OVERSLEPT_S,
+    RECORDER_HUNG_S,
     RENEW_S,
+    WATCH_BEAT,
+    WATCH_END,
+    WATCH_FAILED,
+    WATCH_GRACE_S,
+    StationLease,
     Verdict,
     Watch,
 )
-from support.campaigns.slices import first
 
 
 def lease(*ports: int, feeds: bool = False) -> StationLease:
@@ -46,8 +46,8 @@ def test_a_lease_comes_back_as_it_was() -> None:
 )
 def test_what_is_no_line_of_ours_is_no_sign_of_life(text: str) -> None:
     watch = leased(1)
-    assert not watch.hear(line(text), 1.0 + HUNG_S)
-    assert watch.verdict(1.1 + HUNG_S, closed=False) is Verdict.HUNG
+    assert not watch.hear(line(text), 1.0 + RECORDER_HUNG_S)
+    assert watch.verdict(1.1 + RECORDER_HUNG_S, closed=False) is Verdict.HUNG
 
 
 @pytest.mark.parametrize("held", [lease(1), lease(2, 1), lease(feeds=True)])
@@ -65,21 +65,21 @@ def test_one_that_holds_nothing_may_be_silent_and_may_die() -> None:
 
 def test_silence_is_a_hang_from_two_seconds_on() -> None:
     watch = leased(1)
-    assert watch.verdict(1.0 + HUNG_S, closed=False) is Verdict.WATCH
-    assert watch.verdict(1.001 + HUNG_S, closed=False) is Verdict.HUNG
-    watch.hear(line(BEAT), 2.9)
-    assert watch.verdict(1.001 + HUNG_S, closed=False) is Verdict.WATCH
+    assert watch.verdict(1.0 + RECORDER_HUNG_S, closed=False) is Verdict.WATCH
+    assert watch.verdict(1.001 + RECORDER_HUNG_S, closed=False) is Verdict.HUNG
+    watch.hear(line(WATCH_BEAT), 2.9)
+    assert watch.verdict(1.001 + RECORDER_HUNG_S, closed=False) is Verdict.WATCH
 
 
 def test_after_the_end_there_is_nothing_left_to_do() -> None:
     watch = leased(1)
-    watch.hear(line(END), 2.0)
+    watch.hear(line(WATCH_END), 2.0)
     assert watch.verdict(99.0, closed=True) is Verdict.DONE
 
 
 @given(st.lists(st.integers(1, 40), max_size=30))
 def test_lines_may_be_cut_anywhere(cuts: list[int]) -> None:
-    whole = b"".join(map(line, [lease(1).to_json(), BEAT, lease(1, 2).to_json(), BEAT]))
+    whole = b"".join(map(line, [lease(1).to_json(), WATCH_BEAT, lease(1, 2).to_json(), WATCH_BEAT]))
     watch, place = Watch(0.0), 0
     for cut in cuts:
         watch.hear(whole[place : place + cut], 1.0)
@@ -88,34 +88,34 @@ def test_lines_may_be_cut_anywhere(cuts: list[int]) -> None:
     assert watch.stations == {"dde-1": lease(1, 2)}
 
 
-@given(st.lists(st.floats(0.0, HUNG_S - RENEW_S - 0.01), max_size=200))
+@given(st.lists(st.floats(0.0, RECORDER_HUNG_S - RENEW_S - 0.01), max_size=200))
 def test_no_jitter_of_renewals_up_to_a_second_and_a_half_is_a_hang(late: list[float]) -> None:
     watch, now = leased(1), 1.0
     for by in late:
         now += RENEW_S + by
         assert watch.verdict(now, closed=False) is Verdict.WATCH
-        watch.hear(line(BEAT), now)
+        watch.hear(line(WATCH_BEAT), now)
 
 
 def test_it_looks_again_when_there_is_something_to_decide() -> None:
     watch = leased(1)
     moment = 1.5 + watch.patience_s(1.5)
     assert watch.verdict(moment, closed=False) is Verdict.HUNG
-    assert moment < 1.0 + HUNG_S + 0.1
+    assert moment < 1.0 + RECORDER_HUNG_S + 0.1
 
 
 def test_one_that_failed_and_says_so_is_taken_over_if_it_holds_something() -> None:
     for watch, verdict in ((leased(1), Verdict.FAILED), (leased(), Verdict.DONE)):
-        watch.hear(line(FAILED), 1.5)
+        watch.hear(line(WATCH_FAILED), 1.5)
         assert watch.verdict(1.5, closed=False) is verdict
 
 
 def test_silence_that_the_guard_slept_through_itself_is_nobodys_fault() -> None:
     watch = leased(1)
     watch.overslept(OVERSLEPT_S + 10, 13.0)
-    assert watch.verdict(13.0 + GRACE_S, closed=False) is Verdict.WATCH
-    assert watch.verdict(13.1 + GRACE_S, closed=False) is Verdict.HUNG
-    assert watch.patience_s(13.0) > GRACE_S
+    assert watch.verdict(13.0 + WATCH_GRACE_S, closed=False) is Verdict.WATCH
+    assert watch.verdict(13.1 + WATCH_GRACE_S, closed=False) is Verdict.HUNG
+    assert watch.patience_s(13.0) > WATCH_GRACE_S
     # a second is enough for four renewals
     assert watch.verdict(13.9, closed=False) is Verdict.WATCH
     assert watch.verdict(14.1, closed=False) is Verdict.HUNG
@@ -124,8 +124,8 @@ def test_silence_that_the_guard_slept_through_itself_is_nobodys_fault() -> None:
 def test_a_guard_that_wakes_a_little_late_gives_no_grace() -> None:
     watch = leased(1)
     for late_s in (0.001, 0.25, OVERSLEPT_S):  # on a busy machine it is late each time
-        watch.overslept(late_s, 1.1 + HUNG_S)
-        assert watch.verdict(1.1 + HUNG_S, closed=False) is Verdict.HUNG
+        watch.overslept(late_s, 1.1 + RECORDER_HUNG_S)
+        assert watch.verdict(1.1 + RECORDER_HUNG_S, closed=False) is Verdict.HUNG
 
 
 @pytest.mark.parametrize("seed", first(1, range(2)))

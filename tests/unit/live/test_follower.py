@@ -4,6 +4,7 @@ more than there is.
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -16,22 +17,22 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import commit_status
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Condition, Follower, Phase, RunState, follow
 from jbclog.live.follower import current_run
+from jbclog.live.record_follower import RecordFollower
 from jbclog.live.sample_history import HOUR_S, Means
-from jbclog.live.store_follower import StoreFollower
-from jbclog.record import live
+from jbclog.record import run_journal
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.seal import seal_rows
-from jbclog.record.store import Segment
+from jbclog.record.seal import seal_journal
+from jbclog.record.segments import Disk, segments
 from support import program
 from support.records import live_rows
 from support.records.few_rows import vanish
@@ -70,7 +71,7 @@ def clock() -> Iterator[StandingClock]:
         time_ns=lambda: round(made.recorder_s() * 1e9),
     )
     with pytest.MonkeyPatch.context() as changed:
-        changed.setattr(live, "time", of_recorder)
+        changed.setattr(run_journal, "time", of_recorder)
         changed.setattr(live_rows, "now_us", lambda: round(made.recorder_s() * 1e6))
         yield made
 
@@ -100,6 +101,13 @@ def whole(follower: Follower) -> RunState:
     while not (state := polled(follower)).is_whole:
         assert time.monotonic() < end
     return state
+
+
+def stop_writing(recording: Recording) -> None:
+    """End the recorder's thread, as where the disk hangs: the lock is held, and no mark comes."""
+    recording.commit()
+    recording.store._ending = True
+    recording.store._thread.join()
 
 
 # -- a moment --------------------------------------------------------------------------------------
@@ -211,32 +219,13 @@ def test_the_last_hour_is_known_whenever_following_began(recording: Recording) -
 def test_an_hour_and_no_more() -> None:
     means = Means()
     for second in range(0, 2 * round(HOUR_S), 5):
-        means.add(second // 5, (350.0, 1, 100.0, 1))
-    means.add(3, (1.0, 1, 1.0, 1))  # an older row that is read late
+        means.add(second // 5, np.array([350.0, 1, 100.0, 1]))
+    means.add(3, np.array([1.0, 1, 1.0, 1]))  # an older row that is read late
     trace = means.trace()
     assert len(trace.seconds) == HOUR_S / 5 - 1
     assert set(trace.temperature_c) == {350.0}
     assert len(means._sums) <= 2 * HOUR_S / 5
-    assert means._sums[3] == [350.0, 1, 100.0, 1]
-
-
-def test_only_what_is_committed_is_shown(recording: Recording) -> None:
-    """The number in the lock follows the commit; what the file has beyond it may not be on the disk
-    yet.
-    """
-    recording.rows(1, temperature_c=300)
-    recording.commit()
-    recording.store._ending = True  # its thread does not write the lock again
-    recording.store._thread.join()
-    first = commit_status(recording.folder)
-    recording.rows(1, temperature_c=320)
-    recording.commit()
-    second = commit_status(recording.folder)
-    with Follower(recording.folder) as follower:
-        recording.store.lock.write_status(first)
-        assert polled(follower).ports[0].temperature.value == 300
-        recording.store.lock.write_status(second)
-        assert polled(follower).ports[0].temperature.value == 320
+    assert means._sums[3].tolist() == [350.0, 1, 100.0, 1]
 
 
 def test_a_reading_that_failed_is_not_known(recording: Recording, follower: Follower) -> None:
@@ -346,9 +335,7 @@ def test_without_a_commit_nothing_looks_well(
     recording.rows(5)
     recording.commit()
     assert polled(follower).phase is Phase.RECORDING
-    # its thread ends, as where the disk hangs: the lock is held and not renewed
-    recording.store._ending = True
-    recording.store._thread.join()
+    stop_writing(recording)
     polled(follower)
     clock.advance(10.0)
     run = polled(follower)
@@ -453,13 +440,13 @@ def test_a_temperature_whose_setpoint_is_not_known_is_not_normal(
     recording: Recording, follower: Follower
 ) -> None:
     """As just after an outage: the temperature is read at once, the setpoint seconds later."""
-    recording.facts.signals.append("set_c")
+    recording.facts.signals.append("setpoint_c")
     recording.store.facts(recording.facts)
     recording.rows(1)
     recording.commit()
     assert polled(follower).ports[0].condition is Condition.NORMAL
-    recording.rows(1, set_c=None, reasons="set_c=disconnected")
-    recording.rows(1, set_c=None)
+    recording.rows(1, setpoint_c=None, reasons="setpoint_c=disconnected")
+    recording.rows(1, setpoint_c=None)
     recording.commit()
     port = polled(follower).ports[0]
     assert (port.condition, port.problems) == (
@@ -469,9 +456,9 @@ def test_a_temperature_whose_setpoint_is_not_known_is_not_normal(
     recording.rows(1)
     recording.commit()
     assert polled(follower).ports[0].condition is Condition.NORMAL
-    recording.facts.signals.remove("set_c")  # of a recipe that does not record it
+    recording.facts.signals.remove("setpoint_c")  # of a recipe that does not record it
     recording.store.facts(recording.facts)
-    recording.rows(1, set_c=None, reasons="set_c=disconnected")
+    recording.rows(1, setpoint_c=None, reasons="setpoint_c=disconnected")
     recording.commit()
     assert polled(follower).ports[0].condition is Condition.NORMAL
 
@@ -489,34 +476,25 @@ def test_a_station_without_rows_is_not_known(recording: Recording, follower: Fol
     assert {port.condition for port in polled(follower).ports} == {Condition.NOT_KNOWN}
 
 
-def test_a_damaged_batch_is_named_and_the_others_are_shown(recording: Recording) -> None:
-    recording.rows(3, temperature_c=300)
-    recording.commit()
-    recording.rows(3, temperature_c=320)
-    recording.commit()
+def test_a_damaged_commit_is_named_and_the_others_are_shown(recording: Recording) -> None:
+    sizes = []
+    for temperature in (300, 320, 340):
+        recording.rows(3, temperature_c=temperature)
+        recording.commit()
+        sizes.append(journal_of(recording).stat().st_size)
     recording.close()
-    path = recording.folder / "live.sqlite"
-    data = bytearray(path.read_bytes())
-    at = data.index(b"samples") + 200
-    data[at] ^= 1
-    path.write_bytes(data)
+    data = bytearray(journal_of(recording).read_bytes())
+    data[(sizes[0] + sizes[1]) // 2] ^= 1
+    journal_of(recording).write_bytes(data)
     with Follower(recording.folder) as follower:
         run = whole(follower)
     assert len([text for text in run.problems if text.startswith("Damaged: ")]) == 1
-    assert run.ports[0].coverage.due == 3
+    assert run.ports[0].coverage.due == 6
 
 
-def test_damaged_facts_are_named_and_not_believed(recording: Recording) -> None:
-    recording.facts.model = "DDE_01"
-    recording.store.facts(recording.facts)
-    recording.rows(1)
-    recording.close()
-    path = recording.folder / "live.sqlite"
-    path.write_bytes(path.read_bytes().replace(b"DDE_01", b"DDE_99"))
-    with Follower(recording.folder) as follower:
-        run = whole(follower)
-    assert "Damaged: note 'dde-1': its check sum does not match" in run.problems
-    assert [station.model for station in run.stations] == [None]
+def journal_of(recording: Recording) -> Path:
+    (path,) = segments(recording.folder)
+    return path
 
 
 # -- from the beginning to the end -----------------------------------------------------------------
@@ -560,11 +538,11 @@ def test_hourly_sealing_changes_nothing(recording: Recording, follower: Follower
 
 
 def test_rows_in_a_part_and_still_in_the_store_count_once(recording: Recording) -> None:
-    """As between the completion of a part and the deletion of its batches."""
+    """As between the completion of a part and the removal of its segment."""
     recording.rows(10)
     recording.event("host.busy", "late")
     recording.commit()
-    seal_rows(recording.folder)
+    seal_journal(recording.folder)
     recording.rows(5)
     recording.commit()
     with Follower(recording.folder) as follower:
@@ -578,18 +556,17 @@ def test_a_run_that_is_finalized_during_a_poll(
 ) -> None:
     recording.rows(20)
     recording.commit()
-    plain = StoreFollower.refresh
+    plain = RecordFollower.read
 
-    def refresh(store: StoreFollower, through: int | None) -> list[tuple[int, str]]:
-        found = plain(store, through)
+    def read(record: RecordFollower, manifest: Manifest | None) -> None:
+        plain(record, manifest)
         monkeypatch.undo()
         recording.rows(15)
         recording.finalize()
-        return found[:-1]
 
     with Follower(recording.folder) as follower:
         whole(follower)
-        monkeypatch.setattr(StoreFollower, "refresh", refresh)
+        monkeypatch.setattr(RecordFollower, "read", read)
         run = polled(follower)
     assert (run.phase, run.is_whole, run.ports[0].coverage.due) == (Phase.FINALIZED, True, 35)
     assert (run.ports[0].temperature.is_known, run.ports[0].temperature.why) == (False, "run ended")
@@ -721,7 +698,7 @@ def test_a_folder_with_another_run_under_the_same_name_is_read_anew(
         run = whole(follower)
         alone = whole(Follower(first.folder, clock))
     assert run.ports[0].coverage.due == 2
-    assert (run.started, run.events) == (alone.started, alone.events)
+    assert (run.start, run.events) == (alone.start, alone.events)
 
 
 def test_a_run_of_a_newer_jbclog_is_not_read(recording: Recording, follower: Follower) -> None:
@@ -734,22 +711,24 @@ def test_a_run_of_a_newer_jbclog_is_not_read(recording: Recording, follower: Fol
     assert "use a newer jbclog" in run.text
 
 
-def test_recording_continues_in_a_new_file(recording: Recording, follower: Follower) -> None:
-    """As after an error of input or output; a batch that was not acknowledged is in both files."""
+def test_recording_continues_in_a_new_segment(
+    recording: Recording, follower: Follower, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after a sync that failed: the same rows are in both segments."""
     recording.rows(10)
     recording.commit()
     whole(follower)
-    for _ in range(2):
+
+    def fail(_: Disk, __: int) -> None:
+        monkeypatch.undo()
+        raise OSError(errno.EIO, "made up")
+
+    for due in (20, 30):
         recording.rows(10)
-        recording.store._buffer.take()
-        backlog = list(recording.store._buffer.backlog)
-        everything = recording.store._meta()
-        recording.store._writer.add(backlog, everything, everything)
-        recording.store._writer._move(backlog, everything)
+        monkeypatch.setattr(Disk, "sync", fail)
         recording.commit()
-        assert polled(follower).ports[0].coverage.due == whole(follower).ports[0].coverage.due
-    assert (recording.folder / "live-2.sqlite").exists()
-    assert whole(follower).ports[0].coverage.due == 30
+        assert polled(follower).ports[0].coverage.due == due
+    assert len(segments(recording.folder)) == 3
     with Follower(recording.folder) as late:
         assert whole(late).ports[0].coverage.due == 30
 
@@ -777,31 +756,6 @@ def test_a_run_that_begins(tmp_path: Path, clock: StandingClock) -> None:
         assert polled(follower).phase is Phase.STARTING
         clock.advance(10.0)
         assert polled(follower).phase is Phase.CRASHED  # nobody holds it
-
-
-def test_a_store_without_a_page_yet_is_not_damaged(tmp_path: Path, clock: StandingClock) -> None:
-    """SQLite makes an empty file, and writes into it a moment later."""
-    folder = create_run(tmp_path, "bench", time.time())
-    write_manifest(folder, Manifest(folder.name))
-    store = folder / "live.sqlite"
-    store.touch()
-    with Follower(tmp_path, clock) as follower:
-        assert (polled(follower).phase, polled(follower).problems) == (Phase.STARTING, ())
-        store.write_bytes(bytes(512))
-        assert polled(follower).problems == ("Damaged: live.sqlite: it has pages of 0 bytes",)
-
-
-def test_a_file_that_can_be_read_again_is_not_damaged_any_more(
-    recording: Recording, follower: Follower
-) -> None:
-    recording.rows(1)
-    recording.commit()
-    assert polled(follower).problems == ()
-    more = recording.folder / "live-2.sqlite"
-    more.touch()
-    assert polled(follower).problems == ("Damaged: live-2.sqlite: it has pages of 0 bytes",)
-    Segment.create(more).close()
-    assert polled(follower).problems == ()
 
 
 # -- the recorder does not notice ------------------------------------------------------------------
@@ -847,51 +801,18 @@ def test_the_lock_of_a_live_recorder_is_not_even_tested(
             recording.commit()
 
 
-def open_files(folder: Path) -> set[str]:
-    """The descriptors of this process that lead to files of a folder."""
-    found = set()
-    for path in Path("/proc/self/fd").iterdir():
-        with suppress(FileNotFoundError):
-            found |= {path.name} if path.readlink().parent == folder else set()
-    return found
-
-
-def test_files_are_opened_for_reading_only_and_without_a_lock(
-    recording: Recording, follower: Follower
-) -> None:
-    recording.rows(5)
-    recording.commit()
-    known = open_files(recording.folder)
-    whole(follower)
-    infos = [
-        Path(f"/proc/self/fdinfo/{name}").read_text()
-        for name in open_files(recording.folder) - known
-    ]
-    assert len(infos) >= 2  # the store and its log
-    for info in infos:
-        flags = next(line for line in info.splitlines() if line.startswith("flags:"))
-        assert int(flags.split()[1], 8) & os.O_ACCMODE == os.O_RDONLY
-        assert "lock:" not in info
-
-
 def last_changes(folder: Path) -> dict[str, int]:
-    """When each file was changed; that of the recorder's lock, which it renews, does not count."""
-    return {
-        path.name: 0 if path.name == "live.lock" else path.stat().st_mtime_ns
-        for path in folder.iterdir()
-    }
+    """When each file was changed."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
 
 
 def test_following_changes_no_file(recording: Recording) -> None:
     recording.rows(5)
-    recording.commit()
-    for _ in range(5):  # the recorder's own thread may commit meanwhile
-        before = last_changes(recording.folder)
-        with Follower(recording.folder) as follower:
-            whole(follower)
-        if last_changes(recording.folder) == before:
-            return
-    pytest.fail("a file changes whenever somebody follows")
+    stop_writing(recording)
+    before = last_changes(recording.folder)
+    with Follower(recording.folder) as follower:
+        whole(follower)
+    assert last_changes(recording.folder) == before
 
 
 def test_a_user_without_write_permission_can_follow(

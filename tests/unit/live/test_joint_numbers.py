@@ -4,30 +4,27 @@ are not known.
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from jbclog.analysis.joints.evidence import NOTHING_RECORDED
-from jbclog.analysis.joints.growing import NEW_TOOL
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.core.clock import SystemClock
-from jbclog.core.locks import commit_status
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Follower, RunState, joint_counter
-from jbclog.live.growing_joints import ENDED_S, GrowingJoints, OpenRows, count
-from jbclog.live.joint_counter import ALLOWED_S, BATCH_S, COUNT_S, LOOK_S, Schedule, _Counter
+from jbclog.live.joint_counter import ENDED_S, LOOK_S, count, rows_of
 from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers
-from jbclog.live.store_follower import StoreFollower
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
-from jbclog.record.seal import seal_rows
+from jbclog.record.seal import seal_journal
+from jbclog.record.segments import SegmentWriter
 from support.records.live_rows import SOLDERED_ROWS as ROWS
 from support.records.live_rows import Soldering, now_us
 
@@ -45,7 +42,7 @@ def recording(tmp_path: Path) -> Iterator[Soldering]:
 def ended(recording: Soldering) -> int:
     """How many joints the finished record has that end long enough before the last row."""
     joints = open_run(recording.folder).joints()
-    return int((joints["end_s"] <= (recording.tick - 1) / 10 - ENDED_S).sum())
+    return int((joints["stop_s"] <= (recording.tick - 1) / 10 - ENDED_S).sum())
 
 
 def test_the_numbers_are_those_of_the_record(recording: Soldering) -> None:
@@ -64,26 +61,23 @@ def test_the_numbers_are_those_of_the_record(recording: Soldering) -> None:
     assert final.ports[0].count == len(open_run(recording.folder).joints())
 
 
-def test_rows_in_a_part_and_still_in_the_store_are_read_once(recording: Soldering) -> None:
-    """As between the completion of a part and the deletion of its batches."""
+def test_rows_in_a_part_and_still_in_the_journal_are_read_once(recording: Soldering) -> None:
+    """As between the completion of a part and the removal of its segment."""
     recording.solder(COMMIT)
-    seal_rows(recording.folder)
+    seal_journal(recording.folder)
     recording.solder(PART)
-    assert (
-        sum(len(rows) for rows in OpenRows(recording.folder, None).groups("samples", ["tick"]))
-        == PART
-    )
+    assert sum(map(len, rows_of(recording.folder, "samples", ["tick"]))) == PART
 
 
-def test_nothing_that_is_not_committed_is_counted(recording: Soldering) -> None:
+def test_nothing_that_is_not_marked_is_counted(
+    recording: Soldering, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recording.solder(COMMIT)
     before = count(recording.folder)
-    recording.store._ending = True  # its thread does not write the lock again
-    recording.store._thread.join()
-    status = commit_status(recording.folder)
+    monkeypatch.setattr(SegmentWriter, "mark", lambda *_: None)
     recording.solder(ROWS)
-    recording.store.lock.write_status(status)
     assert count(recording.folder).ports == before.ports
+    assert count(recording.folder, is_last=True).ports != before.ports
 
 
 def until_counted(follower: Follower) -> RunState:
@@ -128,166 +122,48 @@ def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
         assert follower._run._joints is None
 
 
-def test_a_count_depends_on_the_run_and_not_on_when_it_is_made(recording: Soldering) -> None:
-    """Whoever begins late, or stopped over a part that was sealed, has the same numbers as one who
-    counted again and again.
-    """
-    for rows in range(10, COMMIT + 1, 10):
-        recording.solder(rows)
-    models = commit_status(recording.folder).last
-    often, late = GrowingJoints(recording.folder), GrowingJoints(recording.folder)
-    early = often.identify(models)
-    assert early.ports == count(recording.folder, models).ports
-    for rows in range(COMMIT + 10, ROWS + 1, 10):
-        recording.solder(rows)
-        if rows == PART:
-            recording.seal_part()
-        if rows % 70 == 0:
-            counted = often.count(commit_status(recording.folder).last)
-    through = commit_status(recording.folder).last
-    late.identify(models)
-    counted = often.count(through)
-    assert counted.ports == late.count(through).ports
-    often.close()
-    late.close()
-    assert counted.ports[0].count == ended(recording) > early.ports[0].found > 5
-    assert counted.ports[1].why == NOTHING_RECORDED
-
-
-def test_each_row_is_read_once(recording: Soldering, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording.solder(COMMIT)
-    joints = GrowingJoints(recording.folder)
-    joints.identify(commit_status(recording.folder).last)
-    joints.count(commit_status(recording.folder).last)
-    read: list[int] = []
-    real = StoreFollower.table
-    monkeypatch.setattr(
-        StoreFollower, "table", lambda self, number: (read.append(number), real(self, number))[1]
-    )
-    for rows in range(COMMIT + 100, COMMIT + 400, 100):
-        recording.solder(rows)
-        joints.count(commit_status(recording.folder).last)
-        joints.count(commit_status(recording.folder).last)
-    joints.close()
-    assert len(read) == len(set(read)) == 3
-
-
-def test_of_a_tool_that_was_exchanged_no_joints_are_known(recording: Soldering) -> None:
-    """Until its heat balance is identified as well."""
-    for tool, through in ((2, COMMIT), (0, COMMIT + 30), (9, ROWS)):  # 0: none
-        recording.tool = tool
-        recording.solder(through)
-        if tool == 2:
-            joints = GrowingJoints(recording.folder)
-            assert joints.identify(commit_status(recording.folder).last).ports[0].count
-    last = commit_status(recording.folder).last
-    port = joints.count(last).ports[0]
-    joints.close()
-    assert (port.count, port.why) == (None, NEW_TOOL)
-    assert joints.identify(last).ports[0].found > port.found + 10
-
-
-def schedule(ports: int, through: int, every: int = 1) -> list[tuple[int, int]]:
-    """What a process counts that looks at every `every`th batch."""
-    made = Schedule(ports)
-    return list(dict.fromkeys(made.batches(last) for last in range(every, through + 1, every)))
-
-
-def test_two_processes_count_at_the_same_commits() -> None:
-    assert [models for models, _ in schedule(6, 60)][:4] == [0, 20, 25, 32]
-    assert set(schedule(6, 3000, every=37)) <= set(schedule(6, 3000))
-    assert Schedule(6).batches(0) == (0, 0)
-    slow, quick = Schedule(6), Schedule(6)
-    assert slow.batches(1000) == quick.batches(1000)
-    quick.took(2.0)
-    assert slow.batches(5000) == quick.batches(5000)  # a machine that is a bit slower agrees
-    slow.took(60.0)
-    assert slow.batches(6000)[0] < quick.batches(6000)[0]
-
-
-@pytest.mark.parametrize(("ports", "most"), [(6, 0.02), (16, 0.02), (32, 0.013), (64, 0.006)])
-def test_counting_takes_a_bounded_share_of_a_core(ports: int, most: float) -> None:
-    """By what a count takes (tests/bench/bench_watch.py measures it), for any hour of a shift."""
-    made, counts, last = Schedule(ports), 0, 0
-    for batch in range(1, round(8 * 3600 / BATCH_S)):
-        models, through = made.batches(batch)
-        counts += through not in (last, models)
-        last = through
-        if batch * BATCH_S > 3600:
-            spent_s = made._spent_s + counts * ports * COUNT_S
-            assert spent_s <= ALLOWED_S + most * batch * BATCH_S
-    assert made.batches(batch)[0] > 2000  # models are identified anew
-    assert batch - through <= 300 / BATCH_S * max(ports / 32, 1)
-
-
-def test_ports_that_are_known_later_have_a_say(recording: Soldering) -> None:
-    """A run begins before its stations have told how many ports they have."""
-    ports, recording.facts.ports = recording.facts.ports, []
-    recording.manifest.stations = []
-    write_manifest(recording.folder, recording.manifest)
-    recording.store.facts(recording.facts)
-    recording.commit()
-    counter = _Counter(recording.folder)
-    assert counter.scheduled(commit_status(recording.folder).last) is None
-    recording.facts.ports = [*ports, *range(3, 20)]
-    recording.store.facts(recording.facts)
-    counts = []
-    for rows in range(5, 300, 5):
-        recording.solder(rows)
-        last = commit_status(recording.folder).last
-        counted = counter.scheduled(last)
-        counts += [] if counted is None else [(last, len(counted.ports))]
-    counter.close()
-    # so many ports are counted later than one
-    assert counts[0] == (Schedule(19).batches(counts[0][0])[0], 19)
-
-
-def test_many_ports_are_counted_too() -> None:
-    assert schedule(250, 3000)[-1][0] > 0
-
-
 @pytest.fixture
-def counted_through(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Callable[[Sequence[int]], list[int | None]]:
-    """Return the batches through which a process counts everything that sees these commits, one
-    each second.
+def pauses(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[list[int]], list[float]]:
+    """Return the pauses of a process that finds these bytes in the journal at its looks, and of
+    which each count takes 2 s.
     """
 
-    def counts(commits: Sequence[int]) -> list[int | None]:
-        seen, found, clock = iter(commits), list[int | None](), iter(range(1000))
-        looks = iter([0] * (len(commits) - 1))
-        monkeypatch.setattr(
-            joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(seen))
-        )
-        monkeypatch.setattr(
-            joint_counter,
-            "count",
-            lambda _folder, through, **_: (found.append(through), Counted())[1],
-        )
-        monkeypatch.setattr(joint_counter._Counter, "scheduled", lambda *_: None)
-        monkeypatch.setattr(
-            joint_counter, "read_manifest", lambda _: SimpleNamespace(state="recording")
-        )
-        monkeypatch.setattr(
-            joint_counter.select,
-            "select",
-            lambda *_: ([] if next(looks, None) == 0 else [0], [], []),
-        )
-        monkeypatch.setattr(joint_counter.os, "read", lambda *_: b"")
-        monkeypatch.setattr(joint_counter.time, "monotonic", lambda: next(clock))
+    def made(sizes: list[int]) -> list[float]:
+        waited: list[float] = []
+        seconds = itertools.count(0, 2)
+        looks = iter(sizes)
+        counted: list[Counted] = []
+
+        def count(*_: object, **__: object) -> Counted:
+            counted.append(Counted())
+            return counted[-1]
+
+        def wait(requests: object, most_s: float) -> None:
+            waited.append(most_s)
+            requests.are_over = len(waited) == len(sizes)  # type: ignore[attr-defined]
+
+        monkeypatch.setattr(joint_counter._Requests, "wait", wait)
+        monkeypatch.setattr(joint_counter, "_journal", lambda _: [("", next(looks))])
+        monkeypatch.setattr("jbclog.live.joint_counter.time.process_time", lambda: next(seconds))
+        monkeypatch.setattr(joint_counter, "count", count)
         (tmp_path / "manifest.json").touch()
         joint_counter._count_until_final(tmp_path)
-        return found
+        assert len(counted) == len(set(sizes))
+        return waited
 
-    return counts
+    return made
 
 
-def test_a_run_that_stands_still_is_counted_to_its_end_once(
-    counted_through: Callable[[Sequence[int]], list[int | None]],
+def test_counting_takes_a_bounded_share_of_a_core(
+    pauses: Callable[[list[int]], list[float]],
 ) -> None:
-    assert counted_through([5, 6, 7, 8, 9]) == []
-    assert counted_through([7] * 10) == [7]
+    assert pauses([1, 2, 3]) == [pytest.approx(2 / joint_counter.SHARE)] * 3
+
+
+def test_a_run_that_stands_still_is_counted_once(
+    pauses: Callable[[list[int]], list[float]],
+) -> None:
+    assert len(pauses([7] * 10)) == 10
 
 
 def test_a_process_that_is_started_before_the_manifest_is_there_waits_for_it(

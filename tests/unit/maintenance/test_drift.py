@@ -33,10 +33,10 @@ def test_a_fleet_that_does_not_agree_has_no_odd_one(values: str) -> None:
 
 def test_only_what_is_alike_is_compared() -> None:
     looks = {
-        f"s{at}": [look(f"s{at}", parameters={"1.adjust_c": "0"}, tools={1: "T245"})]
+        f"s{at}": [look(f"s{at}", parameters={"1.adjust_c": "0"}, tool_names={1: "T245"})]
         for at in range(5)
     }
-    looks["desolder"] = [look("desolder", parameters={"1.adjust_c": "9"}, tools={1: "DR560"})]
+    looks["desolder"] = [look("desolder", parameters={"1.adjust_c": "9"}, tool_names={1: "DR560"})]
     looks["other"] = [look("other", model="DME", software="1")]
     assert not any(drifts(looks).values())
 
@@ -62,7 +62,7 @@ def test_a_port_of_thousands_of_digits_is_no_port() -> None:
 
 def test_another_tool_is_no_drift() -> None:
     seen = [
-        look(days_ago=9, parameters={"1.adjust_c": "0"}, tools={1: "T245"}),
-        look(parameters={"1.adjust_c": "3"}, tools={1: "T210"}),
+        look(days_ago=9, parameters={"1.adjust_c": "0"}, tool_names={1: "T245"}),
+        look(parameters={"1.adjust_c": "3"}, tool_names={1: "T210"}),
     ]
     assert drifts({"a": seen}) == {"a": ()}

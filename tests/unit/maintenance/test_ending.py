@@ -123,7 +123,7 @@ def test_the_columns_are_those_that_were_promised() -> None:
     assert (
         ",".join(COLUMNS)
         == "schema,audit,line,station,url,family,model,software,seen,source,last_seen,"
-        "kind,port,name,unit,value,low,high,standing,state,since,due_p10,due_p50,due_p90,part,text"
+        "kind,port,name,uom,value,low,high,standing,state,since,due_p10,due_p50,due_p90,part,text"
     )
 
 
@@ -147,7 +147,7 @@ def test_tasks_and_counters_are_in_it_as_numbers() -> None:
         for row in found
         if row["kind"] == "task" and row["station"] == "ale-1" and row["name"] == "tip-change"
     ]
-    assert (tip["value"], tip["unit"], tip["state"], tip["port"], tip["part"]) == (
+    assert (tip["value"], tip["uom"], tip["state"], tip["port"], tip["part"]) == (
         "400.0",
         "h",
         "overdue",

@@ -15,7 +15,7 @@ import pytest
 from matplotlib import rc_context
 
 from jbclog.cli.audit_end import lines
-from jbclog.core.durable_files import CUT_OFF
+from jbclog.core.chain import CUT_OFF
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import FleetAudit
 from jbclog.report.audit.overview import overview_of
@@ -268,8 +268,8 @@ def spoilt(value: object, texts: object) -> object:
             "time",
             "told",
             "audit",
-            "begin",
-            "end",
+            "start",
+            "stop",
             "since",
             "last_seen",
             "p10",

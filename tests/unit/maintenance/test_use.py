@@ -234,7 +234,7 @@ def test_bounds_of_a_count_are_those_of_the_tables(count: int, exact: tuple[floa
 def test_each_week_of_the_last_year_has_its_hours() -> None:
     weeks = weeks_of([steady("work_h", 6.0)], ago(0))
     assert len(weeks) == 53
-    assert weeks[-1].begin == "2026-11-14"
+    assert weeks[-1].start == "2026-11-14"
     assert all(
         week.per_day is not None and 6.0 in week.per_day and not week.is_spread for week in weeks
     )

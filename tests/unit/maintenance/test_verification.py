@@ -134,16 +134,16 @@ def test_a_tip_that_does_not_stand_still_cannot_stand_for_itself() -> None:
 def test_it_is_read_back_as_it_was_kept_and_chained(tmp_path: Path) -> None:
     those = [kept(tmp_path), kept(tmp_path, "fail"), kept(tmp_path, "invalid")]
     book = read_book(tmp_path)
-    assert (book.all, book.wrong) == (those, [])
-    assert [one.seq for one in book.all] == [1, 2, 3]
-    assert [one.prev_sha256 for one in book.all[1:]] == book.hashes[:2]
-    assert book.head == book.hashes[2]
+    assert (book.entries, book.wrong) == (those, [])
+    assert [one.seq for one in book.entries] == [1, 2, 3]
+    assert [one.prev_sha256 for one in book.entries[1:]] == [link for link, _ in book.lines[:2]]
+    assert book.head == book.lines[2][0]
 
 
 def test_a_folder_that_is_not_there_yet_is_made(tmp_path: Path) -> None:
-    assert read_book(tmp_path / "new").all == []
+    assert read_book(tmp_path / "new").entries == []
     kept(tmp_path / "new")
-    assert len(read_book(tmp_path / "new").all) == 1
+    assert len(read_book(tmp_path / "new").entries) == 1
 
 
 @pytest.mark.parametrize("change", ["value", "out", "swap", "first"])
@@ -179,7 +179,7 @@ def test_a_line_that_was_cut_off_does_not_count_and_stops_nothing(tmp_path: Path
     ]
     kept(tmp_path, "fail")
     book = read_book(tmp_path)
-    assert ([one.result for one in book.all], book.wrong) == (["pass", "fail"], [])
+    assert ([one.result for one in book.entries], book.wrong) == (["pass", "fail"], [])
 
 
 def test_it_is_not_written_through_a_link(tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_hostile_texts_stay_within_their_line(tmp_path: Path, name: str) -> None
     kept(tmp_path, tip=text, by=text, instrument=text, note=text)
     kept(tmp_path)
     book = read_book(tmp_path)
-    assert (len(book.all), book.wrong, book.all[0].tip) == (2, [], text)
+    assert (len(book.entries), book.wrong, book.entries[0].tip) == (2, [], text)
     assert (tmp_path / NAME).read_bytes().count(b"\n") == 2
 
 
@@ -217,7 +217,7 @@ def test_the_last_valid_one_is_cited_whether_it_passed_or_not(tmp_path: Path) ->
     kept(tmp_path, "pass", 9)  # after the run began
     (one,) = cited(tmp_path, [("dde-1", 1)], {}, NOW + timedelta(days=5))
     assert (one.state, one.days, one.seq, one.offset_c) == ("fail", 4.0, 2, 50.0)
-    assert one.sha256 == read_book(tmp_path).hashes[1]
+    assert one.sha256 == read_book(tmp_path).lines[1][0]
 
 
 def test_a_port_or_station_that_was_never_verified_has_none(tmp_path: Path) -> None:
@@ -246,4 +246,9 @@ def test_a_verification_is_that_of_a_tip(tmp_path: Path) -> None:
 
 def test_a_display_that_a_person_read_is_a_reading_of_its_own() -> None:
     one = verify(given(340.0), Own(350.0), NOW)
-    assert (one.station_n, one.set_c, one.proposed_adjust_c, one.offset_c) == (0, None, None, -10.0)
+    assert (one.station_n, one.setpoint_c, one.proposed_adjust_c, one.offset_c) == (
+        0,
+        None,
+        None,
+        -10.0,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.frame import Frame, parse
+from support.product import Frame, parse_frame
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_a_frame_that_cannot_be_sent(frame: Frame, why: str) -> None:
     ],
 )
 def test_what_stands_between_stx_and_etx(content: bytes, frame: Frame) -> None:
-    assert parse(content) == frame
+    assert parse_frame(content) == frame
 
 
 @pytest.mark.parametrize(
@@ -61,4 +61,4 @@ def test_what_stands_between_stx_and_etx(content: bytes, frame: Frame) -> None:
     ],
 )
 def test_what_cannot_be_a_frame(content: bytes) -> None:
-    assert parse(content) is None
+    assert parse_frame(content) is None

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.config.recipe_sections import Omega
-from jbclog.protocol.commands.omega import (
+from support.product import (
     OMEGA,
     TRUE_ANSWERS,
     WITHOUT_DIGIT,
@@ -21,14 +20,15 @@ from jbclog.protocol.commands.omega import (
     ConditionNumber,
     ConditionRecord,
     Digit,
+    Omega,
     SetTemperature,
     StoredCondition,
     StoredRecord,
-    difference,
-    differing,
+    condition_difference,
+    differing_conditions,
+    encode_omega,
     is_condition,
 )
-from jbclog.protocol.omega import encode
 
 RECORD, NUMBER = StoredCondition(), ConditionNumber()
 NUMBERS = st.sampled_from([number for number in range(400) if is_condition(number)])
@@ -47,7 +47,7 @@ def test_the_record_of_the_reference() -> None:
     assert RECORD.encode(COUNTED) == COUNTED_ON_WIRE
     assert RECORD.decode(COUNTED_ON_WIRE) == COUNTED
     assert len(COUNTED_ON_WIRE) == 50
-    frame = encode("c" + COUNTED_ON_WIRE)
+    frame = encode_omega("c" + COUNTED_ON_WIRE)
     assert len(frame) == 55
     assert (
         frame
@@ -146,10 +146,12 @@ def test_a_number_of_the_reference() -> None:
 def test_where_two_records_differ() -> None:
     other = RECORD.decode("007C0" + COUNTED_ON_WIRE[5:8] + "015" + COUNTED_ON_WIRE[11:])
     assert isinstance(other, StoredRecord)
-    assert differing(COUNTED, other) == [("mode", "1", "0"), ("feed1_mm", "2.0", "2.1")]
-    assert difference(COUNTED, other) == "mode 0 instead of 1, feed1_mm 2.1 instead of 2.0"
-    assert difference(COUNTED, SetTemperature(124, 0, 0)) == "mode 5 instead of 1"
-    assert differing(COUNTED, COUNTED) == []
+    assert differing_conditions(COUNTED, other) == [("mode", "1", "0"), ("feed1_mm", "2.0", "2.1")]
+    assert (
+        condition_difference(COUNTED, other) == "mode 0 instead of 1, feed1_mm 2.1 instead of 2.0"
+    )
+    assert condition_difference(COUNTED, SetTemperature(124, 0, 0)) == "mode 5 instead of 1"
+    assert differing_conditions(COUNTED, COUNTED) == []
 
 
 def test_a_record_in_words() -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from jbclog.config.recipe import CAN_HEAT, CANNOT_HEAT, COMMAND_OF
-from jbclog.session.run.setting import WRITES
+from support.product import CAN_HEAT, CANNOT_HEAT, COMMAND_OF, RUN_WRITES
 
 
 def test_each_written_command_either_can_heat_or_cannot() -> None:
     # which belongs to no start
-    assert set(CAN_HEAT) | set(CANNOT_HEAT) == set(WRITES) - {"stop_feeding"}
+    assert set(CAN_HEAT) | set(CANNOT_HEAT) == set(RUN_WRITES) - {"stop_feeding"}
     assert not set(CAN_HEAT) & set(CANNOT_HEAT)
 
 
@@ -25,6 +24,6 @@ def test_every_setpoint_can_heat() -> None:
     setpoints = {
         command
         for key, command in COMMAND_OF.items()
-        if key.endswith((".select_c", ".temperature_c", "set_c"))
+        if key.endswith((".select_c", ".temperature_c", "setpoint_c"))
     }
     assert setpoints <= set(CAN_HEAT)

@@ -18,11 +18,11 @@ import pytest
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.check import check
-from jbclog.record.conclude import files_of
-from jbclog.record.manifest import Manifest, manifest_sha256, read_manifest, write_manifest
+from jbclog.record.manifest import Lost, Manifest, manifest_sha256, read_manifest, write_manifest
 from support.faults.deep_folder import deep_folder
 from support.records import few_rows
 from support.records.few_rows import rewritten, with_cell
+from support.records.listed_files import files_of
 from support.records.small_run import make_run
 
 
@@ -45,8 +45,14 @@ def test_a_run_as_it_was_sealed(run: Path) -> None:
 
 
 def test_what_comes_after_sealing_is_no_finding(run: Path) -> None:
-    (run / "figures").mkdir()
-    for name in ("report.html", "joints.parquet", "figures/dde-1-1.svg"):
+    for name in ("figures", "derived"):
+        (run / name).mkdir()
+    for name in (
+        "report.html",
+        "derived/joints.parquet",
+        "derived/.units.parquet.tmp",
+        "figures/dde-1-1.svg",
+    ):
         (run / name).write_text("x")
     (run / "report.json").write_text(json.dumps({"manifest_sha256": manifest_sha256(run)}))
     append(run, who="A. Rossi", what="SN-12 was scrapped", why="cracked joint")
@@ -187,23 +193,55 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
         ("samples", lambda t: with_cell(t, 9, "tick", 0), "ticks do not rise"),
         ("samples", lambda t: with_cell(t, 9, "time", 5), "time goes back"),
         ("counters", lambda t: with_cell(t, 0, "value", None), "plugged_h"),
+        ("samples", lambda t: t.slice(3), "3 rows missing by seq"),
+        (
+            "counters",
+            lambda t: pa.concat_tables([t.slice(0, 1), t.slice(2)]),
+            "counters/: 1 row missing by seq",
+        ),
+        (
+            "settings",
+            lambda t: with_cell(t, 1, "seq", 0),
+            "settings/: seq does not rise in 1 place",
+        ),
+        ("settings", lambda t: with_cell(t, 1, "seq", None), "seq does not rise in 1 place"),
         (
             "events",
             lambda t: with_cell(t, 0, "text", "nothing happened"),
-            "event 2 does not carry the hash",
+            "event 1 does not carry the hash",
         ),
-        ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 event missing"),
+        ("events", lambda t: t.slice(1), "event 1 follows the start; 1 event missing"),
         (
             "events",
             lambda t: pa.concat_tables([t.slice(0, 1), t.slice(2)]),
-            "event 3 follows event 1",
+            "event 2 follows event 0",
         ),
-        ("events", lambda t: pa.concat_tables([t, t.slice(0, 1)]), "event 1 stands after event"),
+        ("events", lambda t: pa.concat_tables([t, t.slice(0, 1)]), "event 0 stands after event"),
     ],
 )
 def test_contents_that_do_not_agree(run: Path, table: str, change: Change, said: str) -> None:
     rewrite(run, table, change)
     assert any(said in text for text in texts(run)), texts(run)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("events", "event 2 follows event 0"),
+        ("counters", "counters/: 1 row missing by seq"),
+    ],
+)
+def test_a_loss_of_the_last_seconds_explains_no_row_that_is_missing_before(
+    run: Path, table: str, said: str
+) -> None:
+    rewrite(run, table, lambda rows: pa.concat_tables([rows.slice(0, 1), rows.slice(2)]))
+    manifest = read_manifest(run)
+    told = []
+    for seconds in (1.4, None):
+        manifest.lost = Lost(seconds, "The recorder ended without closing the record.")
+        write_manifest(run, manifest)
+        told.append(any(said in text for text in texts(run)))
+    assert told == [True, False]
 
 
 def test_the_due_time_of_a_missed_tick_may_lie_before_a_late_answer(run: Path) -> None:

@@ -41,8 +41,8 @@ FULL = Manifest(
     exit_status="success",
     exit_code=0,
     verdict="ACCEPT",
-    started="2026-11-21T01:30:00.500000Z",
-    ended="2026-11-21T01:59:59.000000Z",
+    start="2026-11-21T01:30:00.500000Z",
+    stop="2026-11-21T01:59:59.000000Z",
     line=LineFile("bench-3", "line.toml", "ab"),
     recipes=[RecipeFile("recipes/a.toml", "cd", "sn100c-tht", 7)],
     metadata=SAID,
@@ -54,7 +54,7 @@ OTHER = Manifest(
     state="sealed",
     exit_status="failed",
     verdict="REJECT",
-    started="2026-11-22T01:30:00.000000Z",
+    start="2026-11-22T01:30:00.000000Z",
     line=LineFile("bench-4", "line.toml", "ab"),
     recipes=[RecipeFile("recipes/a.toml", "cd", "other", "b")],
     stations=[StationFacts("dde-1", "url", "dde")],
@@ -135,7 +135,7 @@ NO_TIMES = ["x\ny", "0001-01-01T00:00:00Z", "2026-11-21T01:59:59", "9999-99-99T9
 
 
 @pytest.mark.parametrize("time", NO_TIMES)
-@pytest.mark.parametrize("key", ["started", "ended"])
+@pytest.mark.parametrize("key", ["start", "stop"])
 def test_a_time_that_is_none_is_a_finding_of_its_folder_alone(
     runs: Path, key: str, time: str
 ) -> None:
@@ -212,7 +212,7 @@ DAMAGED = {
     "cut": TEXT[: len(TEXT) // 2],
     "no object": "[]",
     "another state": TEXT.replace('"sealed"', '"closed"'),
-    "newer": TEXT.replace('"schema": 1', '"schema": 999'),
+    "newer": TEXT.replace('"schema": 2', '"schema": 999'),
     "wrong kind": TEXT.replace('"88123"', "88123"),
     "wrong time": TEXT.replace("2026-11-21T01:30:00", "2026-99-21T01:30:00"),
     "deep": "[" * 100_000,

@@ -108,5 +108,5 @@ def test_its_lines_get_the_runs_time_if_the_hosts_clock_was_stepped(
     assert last["time"].timestamp() == pytest.approx(took_over_us / 1e6, abs=0.001)
     manifest = read_manifest(store.folder)
     assert manifest.clock_steps == [ClockStep(iso(stepped_us), size, size)]
-    assert manifest.ended == iso(took_over_us)
+    assert manifest.stop == iso(took_over_us)
     assert check(store.folder) == []

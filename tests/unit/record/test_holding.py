@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import sqlite3
 import subprocess
 import sys
-import zlib
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -16,15 +13,15 @@ import pytest
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import create_run
-from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
-from jbclog.record.port_owner import _says_ended, run_of, run_that_holds, runs_in_progress
+from jbclog.record.port_owner import run_of, run_that_holds, runs_in_progress
+from jbclog.record.run_journal import RunJournal
 
 URL = f"socket://host-{os.getpid()}:4001"  # runs of other workers are seen from here too
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Iterator[tuple[Path, LiveStore]]:
+def run(tmp_path: Path) -> Iterator[tuple[Path, RunJournal]]:
     """A run in progress with two stations, recorded by this process; nothing has been stored of
     them yet.
     """
@@ -34,14 +31,16 @@ def run(tmp_path: Path) -> Iterator[tuple[Path, LiveStore]]:
         StationFacts("tcp-1", URL, "dde"),
     ]
     write_manifest(folder, Manifest(folder.name, stations=stations))
-    store = LiveStore(folder)
+    store = RunJournal(folder)
     store.start()
     yield folder, store
     store.close()
     store.release()
 
 
-def test_a_run_holds_the_ports_of_its_stations(run: tuple[Path, LiveStore], tmp_path: Path) -> None:
+def test_a_run_holds_the_ports_of_its_stations(
+    run: tuple[Path, RunJournal], tmp_path: Path
+) -> None:
     folder, _ = run
     assert folder in list(runs_in_progress())
     assert run_of(os.getpid()) == folder
@@ -51,14 +50,14 @@ def test_a_run_holds_the_ports_of_its_stations(run: tuple[Path, LiveStore], tmp_
     assert run_that_holds("socket://127.0.0.1:4002") is None
 
 
-def test_a_link_to_the_port_is_that_port(run: tuple[Path, LiveStore], tmp_path: Path) -> None:
+def test_a_link_to_the_port_is_that_port(run: tuple[Path, RunJournal], tmp_path: Path) -> None:
     folder, _ = run
     (tmp_path / "dde-1").write_text("a device")
     (tmp_path / "by-id").symlink_to(tmp_path / "dde-1")
     assert run_that_holds(str(tmp_path / "by-id")) == folder
 
 
-def test_a_station_whose_session_has_ended_is_held_no_more(run: tuple[Path, LiveStore]) -> None:
+def test_a_station_whose_session_has_ended_is_held_no_more(run: tuple[Path, RunJournal]) -> None:
     folder, store = run
     store.facts(StationFacts("tcp-1", URL, "dde", outcome="running"))
     store.commit_now()
@@ -68,7 +67,7 @@ def test_a_station_whose_session_has_ended_is_held_no_more(run: tuple[Path, Live
     assert run_that_holds(URL) is None
 
 
-def test_a_sealed_run_and_one_without_a_manifest_hold_nothing(run: tuple[Path, LiveStore]) -> None:
+def test_a_sealed_run_and_one_without_a_manifest_hold_nothing(run: tuple[Path, RunJournal]) -> None:
     folder, _ = run
     manifest = read_manifest(folder)
     manifest.state = "sealed"
@@ -78,7 +77,7 @@ def test_a_sealed_run_and_one_without_a_manifest_hold_nothing(run: tuple[Path, L
     assert run_that_holds(URL) is None
 
 
-def test_a_run_whose_recorder_is_gone_holds_nothing(run: tuple[Path, LiveStore]) -> None:
+def test_a_run_whose_recorder_is_gone_holds_nothing(run: tuple[Path, RunJournal]) -> None:
     _, store = run
     store.close()
     store.release()
@@ -125,7 +124,7 @@ def test_a_server_s_port_is_known_under_all_names_of_its_host(tmp_path: Path) ->
             folder.name, stations=[StationFacts("tcp-1", f"socket://127.0.0.1:{number}", "dde")]
         ),
     )
-    store = LiveStore(folder)
+    store = RunJournal(folder)
     try:
         store.start()
         assert run_that_holds(f"socket://localhost:{number}") == folder
@@ -134,30 +133,3 @@ def test_a_server_s_port_is_known_under_all_names_of_its_host(tmp_path: Path) ->
     finally:
         store.close()
         store.release()
-
-
-@pytest.mark.parametrize("text", ['{"outcome": "compl', "", "[]", "[" * 100_000, "3"])
-def test_facts_that_are_none_say_nothing(text: str) -> None:
-    """Of anybody's run on this machine: they must keep nobody from starting."""
-    assert not _says_ended(text)
-
-
-@pytest.mark.parametrize("text", [3, b"\xff", '{"outcome": "compl'])
-def test_a_stranger_s_store_keeps_nobody_from_starting(
-    run: tuple[Path, LiveStore], text: object
-) -> None:
-    """Its facts may be of any kind, with a check sum that fits."""
-    folder, store = run
-    store.facts(StationFacts("tcp-1", URL, "dde", outcome="stopped"))
-    store.commit_now()
-    with closing(sqlite3.connect(folder / "live.sqlite")) as db, db:
-        db.execute(
-            "UPDATE note SET text = ?, crc = ? WHERE key = 'tcp-1'",
-            (text, zlib.crc32(f"facts tcp-1 {text}".encode())),
-        )
-    assert run_that_holds(URL) == folder
-
-
-def test_facts_say_whether_a_session_is_over() -> None:
-    assert _says_ended('{"outcome": "completed"}')
-    assert not _says_ended('{"outcome": "running"}')

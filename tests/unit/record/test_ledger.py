@@ -8,10 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.rows import COLUMN, CounterRow, SampleRow, StationFacts, quality_of, reasons_text
-from jbclog.record.ledger import disagreements, ledger_of
-from jbclog.record.live import LiveStore
-from jbclog.record.seal import seal_rows
+from support.product import (
+    COLUMN,
+    CounterRow,
+    RunStore,
+    SampleRow,
+    StationFacts,
+    disagreements,
+    ledger_of,
+    quality_of,
+    reasons_text,
+    seal,
+    seal_part,
+)
 from support.records import few_rows
 
 
@@ -30,18 +39,18 @@ def row(tick: int, port: int, reasons: dict[str, str] | None = None, **values: o
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> LiveStore:
+def store(tmp_path: Path) -> RunStore:
     return few_rows.begun(tmp_path)
 
 
-def sealed(store: LiveStore) -> Path:
+def sealed(store: RunStore) -> Path:
     store.close()
-    seal_rows(store.folder)
+    seal(store.folder)
     store.release()
     return store.folder
 
 
-def test_each_reading_is_due_and_ok_or_has_its_reason(store: LiveStore) -> None:
+def test_each_reading_is_due_and_ok_or_has_its_reason(store: RunStore) -> None:
     flags = {"alarm_high": "timeout", "alarm_low": "timeout"}
     store.sample(
         row(
@@ -73,7 +82,7 @@ def test_each_reading_is_due_and_ok_or_has_its_reason(store: LiveStore) -> None:
     }
 
 
-def test_counters_by_their_names_and_a_failed_one_by_its_reason(store: LiveStore) -> None:
+def test_counters_by_their_names_and_a_failed_one_by_its_reason(store: RunStore) -> None:
     for value, raw in ((1.0, "00001"), (None, "<timeout>"), (None, "<nak4>"), (2.0, "00002")):
         store.counter(CounterRow(few_rows.T0, "a", 1, "work_h", value, "h", raw))
     store.counter(CounterRow(few_rows.T0, "a", None, "on_h", 1.0, "h", "00001"))
@@ -85,17 +94,19 @@ def test_counters_by_their_names_and_a_failed_one_by_its_reason(store: LiveStore
     }
 
 
-def test_ticks_without_rows_were_due_for_what_is_read_every_tick(store: LiveStore) -> None:
-    store.sample(row(0, 1, temperature_c=350, set_c=350))
+def test_ticks_without_rows_were_due_for_what_is_read_every_tick(store: RunStore) -> None:
+    store.sample(row(0, 1, temperature_c=350, setpoint_c=350))
     store.sample(row(1, 1, {"temperature_c": "skipped"}))
-    facts = StationFacts("a", "", "dde", skipped=50, due={"1": {"temperature_c": 2, "set_c": 1}})
+    facts = StationFacts(
+        "a", "", "dde", skipped=50, due={"1": {"temperature_c": 2, "setpoint_c": 1}}
+    )
     ledger = ledger_of(sealed(store), [facts])
     assert ledger["a"]["1"]["temperature_c"] == {"due": 52, "ok": 1, "skipped": 51}
-    assert ledger["a"]["1"]["set_c"] == {"due": 1, "ok": 1}
+    assert ledger["a"]["1"]["setpoint_c"] == {"due": 1, "ok": 1}
     assert list(disagreements(ledger, facts)) == []
 
 
-def test_watched_settings_stand_in_it_as_the_session_counted_them(store: LiveStore) -> None:
+def test_watched_settings_stand_in_it_as_the_session_counted_them(store: RunStore) -> None:
     facts = StationFacts(
         "a", "", "dde", watched={"1": {"alarm_high_limit": {"due": 3, "ok": 2, "timeout": 1}}}
     )
@@ -104,7 +115,7 @@ def test_watched_settings_stand_in_it_as_the_session_counted_them(store: LiveSto
     }
 
 
-def test_it_says_where_the_session_counted_otherwise(store: LiveStore) -> None:
+def test_it_says_where_the_session_counted_otherwise(store: RunStore) -> None:
     store.sample(row(0, 1, temperature_c=350, tool=2))
     store.counter(few_rows.counter(1))
     store.counter(few_rows.counter(2))
@@ -127,7 +138,7 @@ def test_it_is_the_same_in_many_parts(tmp_path: Path) -> None:
     for first in range(0, 300, 100):
         few_rows.hand_over(store, range(first, first + 100))
         store.commit_now()
-        seal_rows(store.folder, part=True)
+        seal_part(store.folder)
     whole = few_rows.begun(tmp_path)
     few_rows.hand_over(whole, range(300))
     assert ledger_of(sealed(store)) == ledger_of(sealed(whole))

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import NAME, CommitStatus, FolderLock, commit_status, is_held
+from jbclog.core.locks import NAME, FolderLock, is_held, unkept_rows
 from jbclog.core.operating_system import boot_id
 
 
@@ -23,7 +23,7 @@ def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=f"process {os.getpid()}"):
         FolderLock.take(tmp_path, 0.0)
     said = json.loads((tmp_path / NAME).read_text())
-    assert (said["pid"], said["boot"], said["last"]) == (os.getpid(), boot_id(), 0)
+    assert (said["pid"], said["boot"], said["unkept"]) == (os.getpid(), boot_id(), 0)
     assert is_held(tmp_path)
     lock.release()
     assert not is_held(tmp_path)
@@ -83,15 +83,14 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_not_taken_for_one(tmp_path: 
     taken[0].release()
 
 
-def test_the_last_committed_number_outlives_its_holder(tmp_path: Path) -> None:
+def test_the_number_of_rows_not_kept_outlives_its_holder(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
-    said = CommitStatus(99, 1.79e9, 0.9, 12, 0.4)
-    lock.write_status(CommitStatus(1234567, 1.79e9 + 0.001, 1234.5, 123_456_789, 1234.567))
-    lock.write_status(said)
+    lock.write_unkept(123_456_789)
+    lock.write_unkept(12)
     lock.release()
-    assert commit_status(tmp_path) == said
+    assert unkept_rows(tmp_path) == 12
     FolderLock.take(tmp_path).release()  # whoever comes next keeps it
-    assert commit_status(tmp_path) == said
+    assert unkept_rows(tmp_path) == 12
 
 
 def test_a_disk_that_gives_no_lock_is_told_of(tmp_path: Path) -> None:

@@ -25,19 +25,23 @@ from jbclog.record import part_file
 from jbclog.record.check import check
 from jbclog.record.manifest import SealedFile, manifest_text, read_manifest
 from jbclog.record.part_file import PartFile, open_part, read_footer, sealed_footer
-from jbclog.record.parts import ROWS_A_GROUP, part_paths
+from jbclog.record.part_writer import LEAST_A_GROUP
+from jbclog.record.parts import part_paths
 from support.invoked import invoked
 from support.records import sealed_run, small_run
 
 RELEASE = Path(__file__).parents[2] / "data" / "releases" / "0.1.0" / "sealed"
-ROWS = ROWS_A_GROUP + 100
+ROWS_OF_A_PORT = LEAST_A_GROUP
+ROWS = 2 * ROWS_OF_A_PORT
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose samples have two row groups."""
-    rows = sealed_run.table(sealed_run.samples(ROWS))
-    return sealed_run.seal(tmp_path_factory.mktemp("made"), [sealed_run.station(rows=ROWS)], rows)
+    """A run whose samples have two row groups, of a port each."""
+    ports = (1, 2)
+    rows = sealed_run.table(*(sealed_run.samples(ROWS_OF_A_PORT, port=port) for port in ports))
+    station = sealed_run.station(ports=ports, rows=ROWS_OF_A_PORT)
+    return sealed_run.seal(tmp_path_factory.mktemp("made"), [station], rows)
 
 
 @pytest.fixture
@@ -205,7 +209,7 @@ def test_an_unchecked_export_has_the_sound_row_groups(run: Path, tmp_path: Path)
     (warning,) = [line for line in ended.stderr.splitlines() if "left out" in line]
     assert "part-0000.parquet, row group 1: " in warning
     lines = (tmp_path / "out" / "samples.csv").read_text().splitlines()
-    assert len([line for line in lines if not line.startswith("#")]) == ROWS_A_GROUP + 1
+    assert len([line for line in lines if not line.startswith("#")]) == ROWS_OF_A_PORT + 1
 
 
 @pytest.mark.parametrize("is_sealed", [True, False])

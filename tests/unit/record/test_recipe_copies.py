@@ -50,9 +50,9 @@ def test_what_is_nested_too_deeply_in_their_place_is_no_recipe(made: Path, tmp_p
         recipe_copies(folder)
 
 
-@pytest.mark.parametrize("verb", ["check", "report", "replay", "compare"])
+@pytest.mark.parametrize("verb", ["check", "report", "compare"])
 def test_each_verb_answers_in_a_line(linked: Path, verb: str) -> None:
-    more = {"compare": [str(linked)], "replay": ["--record", str(linked.parent / "again")]}
+    more = {"compare": [str(linked)]}
     words = [verb, str(linked), *more.get(verb, [])]
     result = invoked(*words)
     assert "internal error" not in result.output

@@ -7,9 +7,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
-import sqlite3
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,16 +15,20 @@ from jbclog.core.errors import RecordError
 from jbclog.core.rows import TABLES
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
+from jbclog.record.damage import read_damage
 from jbclog.record.folder import create_run, keep_text
-from jbclog.record.live import LiveStore
+from jbclog.record.frames import Frame, FrameKind, commit_bytes
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.record.recover import Outcome, Recovery, recover, recover_all
-from jbclog.record.seal import seal_rows
-from jbclog.record.store import META, Segment, segments
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.seal import seal_journal
+from jbclog.record.segments import segment_name
 from support.faults.crash import contents
 from support.links.small_wire import write_wire
+from support.product import lose_commit, seal_part
 from support.records import few_rows
+from support.records.journals import journal
 
 JUDGED = '[recipe]\nname = "a"\n\n[acceptance]\ncoverage_percent = 99.5\n'
 PLAIN = '[recipe]\nname = "a"\n'
@@ -61,26 +62,34 @@ def test_what_was_committed_is_sealed_and_the_manifest_says_lost(abandoned: Path
     ]
 
 
-def test_it_tells_samples_events_settings_counters_and_lines_of_wires_apart(
+def test_it_tells_samples_events_settings_counters_and_rows_of_the_capture_apart(
     abandoned: Path,
 ) -> None:
     write_wire(abandoned)
     done = recover(abandoned)
-    assert done.rows == {"samples": 150, "events": 22, "settings": 1, "counters": 2, "wire": 25}
+    assert done.rows == {"samples": 150, "events": 22, "settings": 1, "counters": 2, "wire": 22}
     assert (
-        "recovered, 150 samples, 22 events, 1 setting, 2 counters and 25 lines of serial capture"
+        "recovered, 150 samples, 22 events, 1 setting, 2 counters and 22 rows of serial capture"
         " sealed; exit status lost" in done.text
     )
     assert read_manifest(abandoned).wire == "whole"
 
 
-def test_a_wire_of_which_nothing_was_written_is_told_and_not_kept(abandoned: Path) -> None:
-    write_wire(abandoned)
-    empty = abandoned / "wire" / "b.tsv.gz"
-    empty.touch()
+def test_a_capture_that_was_not_begun_is_told(abandoned: Path) -> None:
+    write_manifest(abandoned, Manifest(run=abandoned.name, wire="open"))
     recover(abandoned)
-    assert not empty.exists()
-    assert read_manifest(abandoned).wire == "wire/b.tsv.gz: empty."
+    assert read_manifest(abandoned).wire == "The recorder ended before the capture began."
+    assert check(abandoned) == []
+
+
+def test_a_capture_without_its_end_is_told(abandoned: Path) -> None:
+    write_wire(abandoned)
+    (segment,) = abandoned.glob("wire-*.journal")
+    segment.write_bytes(segment.read_bytes()[:-1])
+    recover(abandoned)
+    told = read_manifest(abandoned).wire or ""
+    assert "the session of dde-1 has no end" in told
+    assert "At most the last 1 s are missing" in told
     assert check(abandoned) == []
 
 
@@ -103,11 +112,13 @@ def test_recovered_is_what_would_have_been_sealed(tmp_path: Path) -> None:
         few_rows.hand_over(store, range(commit * 50, commit * 50 + 50))
         store.commit_now()
     store.close()
-    seal_rows(store.folder)
+    seal_journal(store.folder)
     conclude(store.folder, Manifest(store.folder.name), store.lock)
     for table in ("samples", "settings", "counters"):
         ours, theirs = part_paths(killed, table), part_paths(store.folder, table)
-        assert few_rows.table(killed, table).equals(few_rows.table(store.folder, table))
+        rows = [few_rows.table(folder, table) for folder in (killed, store.folder)]
+        mine, other = (one.drop_columns(["run"]) for one in rows)
+        assert mine.equals(other)
         assert len(ours) == len(theirs) == 1
     assert few_rows.sealed_events(killed) == few_rows.sealed_events(store.folder)
 
@@ -125,16 +136,16 @@ def test_missing_evidence_is_never_accepted(abandoned: Path, recipe: str, verdic
 def test_what_the_recorder_had_written_of_the_run_stays(abandoned: Path) -> None:
     write_manifest(
         abandoned,
-        Manifest(abandoned.name, started="2026-11-21T01:30:00.000000Z", t0_mono=5.0, rate=10.0),
+        Manifest(abandoned.name, start="2026-11-21T01:30:00.000000Z", t0_mono=5.0, rate=10.0),
     )
     recover(abandoned)
     manifest = read_manifest(abandoned)
-    assert (manifest.started, manifest.t0_mono, manifest.rate) == (
+    assert (manifest.start, manifest.t0_mono, manifest.rate) == (
         "2026-11-21T01:30:00.000000Z",
         5.0,
         10.0,
     )
-    assert manifest.ended == "2026-09-21T14:13:34.900000Z"
+    assert manifest.stop == "2026-09-21T14:13:34.900000Z"
 
 
 # -- the states that a crash can leave -------------------------------------------------------------
@@ -147,20 +158,20 @@ def test_an_empty_folder(tmp_path: Path) -> None:
     assert check(folder) == []
 
 
-def test_a_store_that_was_only_just_made(tmp_path: Path) -> None:
-    folder = create_run(tmp_path, "bench", 0.0)
-    Segment.create(folder / "live.sqlite").close()
+def test_a_journal_that_was_only_just_begun(tmp_path: Path) -> None:
+    folder = journal(tmp_path, [[]]).folder
     recover(folder)
     assert few_rows.sealed_numbers(folder) == []
     assert check(folder) == []
 
 
-def test_a_store_without_tables(tmp_path: Path) -> None:
-    """Killed between making the file and making its tables: nothing can have been in it."""
-    folder = create_run(tmp_path, "bench", 0.0)
-    (folder / "live.sqlite").write_bytes(b"")
+def test_a_segment_of_which_nothing_was_written(tmp_path: Path) -> None:
+    """Killed between making the file and its first commit."""
+    folder = few_rows.abandoned(tmp_path)
+    (folder / segment_name(1)).touch()
     recover(folder)
-    assert read_manifest(folder).state == "sealed"
+    assert few_rows.sealed_numbers(folder) == list(range(150))
+    assert [facts.name for facts in read_manifest(folder).stations] == ["a"]
 
 
 def test_a_run_that_was_closed_and_said_how_it_ended_is_not_lost(tmp_path: Path) -> None:
@@ -204,7 +215,7 @@ def test_parts_of_earlier_hours_stay_as_they_are(tmp_path: Path) -> None:
     store = few_rows.begun(tmp_path)
     few_rows.hand_over(store, range(100))
     store.commit_now()
-    seal_rows(store.folder, part=True)
+    seal_part(store.folder)
     few_rows.hand_over(store, range(100, 150))
     store.commit_now()
     few_rows.vanish(store)
@@ -215,7 +226,7 @@ def test_parts_of_earlier_hours_stay_as_they_are(tmp_path: Path) -> None:
 
 
 def test_an_unreadable_part_is_set_aside_and_sealed_again_from_the_store(abandoned: Path) -> None:
-    seal_rows(abandoned)
+    seal_journal(abandoned)
     part = part_paths(abandoned, "samples")[0]
     part.write_bytes(part.read_bytes()[:-100])
     recover(abandoned)
@@ -244,22 +255,29 @@ def test_a_run_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
     assert few_rows.sealed_numbers(store.folder) == list(range(20))
 
 
-def test_a_store_of_a_newer_jbclog_is_left_alone(abandoned: Path) -> None:
-    segment = Segment.open(abandoned / "live.sqlite")
-    segment.add([], {(META, "schema"): "2"})
-    segment.close()
+def test_a_journal_of_a_newer_jbclog_is_left_alone(abandoned: Path) -> None:
+    notes = Frame.of(FrameKind.NOTES, b'{"schema": 3}')
+    with (abandoned / segment_name(0)).open("ab") as file:
+        file.write(commit_bytes(100, [notes]))
     before = contents(abandoned)
-    with pytest.raises(RecordError, match="this jbclog knows 1"):
+    with pytest.raises(RecordError, match="this jbclog knows 2"):
         recover(abandoned)
-    assert contents(abandoned).items() >= before.items() - {
-        ("live.lock", before.get("live.lock", ""))
-    }
+    assert contents(abandoned) == before
+
+
+def test_an_open_run_of_the_first_release_is_left_to_it(tmp_path: Path) -> None:
+    folder = create_run(tmp_path, "bench", 0.0)
+    (folder / "live.sqlite").write_bytes(b"SQLite format 3\0")
+    before = contents(folder)
+    with pytest.raises(RecordError, match=r"an open run of jbclog 0\.1\.0; finish it with"):
+        recover(folder)
+    assert contents(folder) == before
 
 
 def test_a_manifest_of_a_newer_jbclog_is_left_alone(abandoned: Path) -> None:
-    (abandoned / "manifest.json").write_text(json.dumps({"run": abandoned.name, "schema": 2}))
+    (abandoned / "manifest.json").write_text(json.dumps({"run": abandoned.name, "schema": 3}))
     before = contents(abandoned)
-    with pytest.raises(RecordError, match="this jbclog knows 1"):
+    with pytest.raises(RecordError, match="this jbclog knows 2"):
         recover(abandoned)
     assert contents(abandoned) == before
 
@@ -311,120 +329,67 @@ def test_a_folder_that_may_not_be_entered_stops_none(
 # -- damage ----------------------------------------------------------------------------------------
 
 
-def altered(folder: Path, sql: str, *values: object) -> None:
-    connection = sqlite3.connect(folder / "live.sqlite")
-    connection.execute(sql, values)
-    connection.commit()
-    connection.close()
-
-
-def test_a_damaged_batch_is_left_out_counted_and_named(abandoned: Path) -> None:
-    altered(
-        abandoned,
-        "UPDATE batch SET data = zeroblob(9) WHERE number = (SELECT min(number) FROM batch WHERE"
-        " name = 'samples')",
-    )
-    recover(abandoned)
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_damaged_commit_is_left_out_counted_and_named(abandoned: Path, place: int) -> None:
+    lose_commit(abandoned, "samples", place)
+    done = recover(abandoned)
     lost = read_manifest(abandoned).lost
-    assert few_rows.sealed_numbers(abandoned) == list(range(50, 150))
+    missing = range(place * 50, place * 50 + 50)
+    assert few_rows.sealed_numbers(abandoned) == [n for n in range(150) if n not in missing]
     assert lost is not None
-    assert "(samples), 50 rows: its check sum does not match" in lost.text
+    assert lost.text in done.text
+    assert "live-0000.journal, commit " in lost.text
+    if place < 2:  # of the last one nothing tells how many rows it had
+        assert "50 samples" in lost.text
     assert lost.seconds_at_most is None
-    assert (abandoned / "damaged" / "live.sqlite").exists()
+    assert (abandoned / "damaged" / segment_name(0)).exists()
     assert check(abandoned) == []
     before = contents(abandoned)
     recover(abandoned)
     assert contents(abandoned) == before
 
 
-@pytest.mark.parametrize("which", ["min", "max"])
-def test_a_batch_that_vanished_is_missed(abandoned: Path, which: str) -> None:
-    altered(
-        abandoned,
-        f"DELETE FROM batch WHERE number = (SELECT {which}(number) FROM batch WHERE name ="
-        " 'samples')",
-    )
+def test_a_whole_frame_that_cannot_be_unpacked_is_damage(abandoned: Path) -> None:
+    frame = Frame.of(FrameKind.ROWS, b"no rows", 0, 150, 7)
+    with (abandoned / segment_name(0)).open("ab") as file:
+        file.write(commit_bytes(100, [frame]))
     recover(abandoned)
-    lost = read_manifest(abandoned).lost
-    assert lost is not None
-    assert "missing from the live store" in lost.text
-    assert len(few_rows.sealed_numbers(abandoned)) == 100
+    assert few_rows.sealed_numbers(abandoned) == list(range(150))
+    (damage,) = read_damage(abandoned)
+    assert (damage.place, damage.rows) == ("live-0000.journal, commit 100 (samples)", 7)
 
 
-def test_a_batch_of_no_table_is_said(abandoned: Path) -> None:
-    altered(
-        abandoned,
-        "UPDATE batch SET name = 'simples' WHERE number = (SELECT max(number) FROM batch WHERE name"
-        " = 'samples')",
-    )
-    recover(abandoned)
-    lost = read_manifest(abandoned).lost
-    assert lost is not None
-    assert "belongs to no table" in lost.text
-
-
-def test_a_store_that_is_none_any_more(abandoned: Path) -> None:
-    for path in segments(abandoned):
-        path.write_bytes(b"SQLite format 3\0" + os.urandom(8000))
-    (abandoned / "live.sqlite-wal").unlink()
+def test_a_journal_that_is_none_any_more(abandoned: Path) -> None:
+    write_manifest(abandoned, Manifest(abandoned.name, start="2026-11-21T01:30:00.000000Z"))
+    (abandoned / segment_name(0)).write_bytes(os.urandom(8000))
     recover(abandoned)
     manifest = read_manifest(abandoned)
     assert manifest.lost is not None
-    assert "cannot be read at all" in manifest.lost.text
-    assert (abandoned / "damaged" / "live.sqlite").exists()
+    assert manifest.lost.seconds_at_most is None
+    assert "The journal holds nothing of it." in manifest.lost.text
     assert few_rows.sealed_numbers(abandoned) == []
 
 
-def test_facts_that_rotted_do_not_stop_it(abandoned: Path) -> None:
-    altered(abandoned, "UPDATE note SET text = replace(text, 'T210', 'T211') WHERE kind = 'facts'")
-    recover(abandoned)
-    assert read_manifest(abandoned).stations == []
-
-
-def flip(data: bytes) -> bytes:
-    return data[:-30] + bytes([data[-30] ^ 1]) + data[-29:]  # in the last page of the last commit
-
-
-@pytest.mark.parametrize(
-    "alter",
-    [flip, lambda data: data[:-30], lambda data: data[:-4000] + bytes(4000)],
-    ids=["bit", "cut", "zeros"],
-)
-def test_an_end_of_the_log_that_is_gone_is_known_and_bounded(
-    tmp_path: Path, alter: Callable[[bytes], bytes]
-) -> None:
-    """SQLite takes it for never written; the recorder had said that it was committed."""
-    folder = few_rows.abandoned(tmp_path, commits=5, rows=2)
-    log = folder / "live.sqlite-wal"
-    log.write_bytes(alter(log.read_bytes()))
-    at_risk_s = few_rows.at_risk_s(folder)
+def test_a_part_of_which_the_chain_lost_the_line_is_taken_in(tmp_path: Path) -> None:
+    folder = journal(tmp_path, [[(50, 3)], [(40, 2)], [(10, 1)]]).folder
+    seal_journal(folder, is_open=True)
+    chain = folder / "parts.jsonl"
+    chain.write_bytes(chain.read_bytes().replace(b"samples/part-0000", b"samples/part-9000"))
     recover(folder)
-    manifest = read_manifest(folder)
-    assert manifest.lost is not None
-    assert manifest.lost.seconds_at_most == at_risk_s + 1.0
-    assert "acknowledged, and missing" not in manifest.lost.text
-    assert few_rows.sealed_numbers(folder) == list(range(8))
+    assert few_rows.sealed_numbers(folder) == list(range(100))
+    lost = read_manifest(folder).lost
+    assert lost is not None
+    assert "parts.jsonl: line 1 is no part, or was changed" in lost.text
     assert check(folder) == []
 
 
-def test_two_segments_with_the_same_batches_count_once(tmp_path: Path) -> None:
-    """A commit that failed may be there all the same, and was stored again in the next file."""
-    folder = few_rows.abandoned(tmp_path)
-    for end in ("", "-wal"):
-        shutil.copy(folder / f"live.sqlite{end}", folder / f"live-1.sqlite{end}")
-    altered(folder, "UPDATE batch SET data = zeroblob(9) WHERE number = 2")
-    recover(folder)
-    assert few_rows.sealed_numbers(folder) == list(range(150))
-    assert read_manifest(folder).lost is not None
-
-
-def test_a_store_held_by_a_process_that_did_not_start(tmp_path: Path) -> None:
-    """A recorder whose store could not be made leaves nothing that recovery cannot take."""
+def test_a_journal_that_could_not_be_begun(tmp_path: Path) -> None:
+    """A recorder whose journal could not be made leaves nothing that recovery cannot take."""
     folder = create_run(tmp_path, "bench", 0.0)
-    (folder / "live.sqlite").mkdir()
-    store = LiveStore(folder)
+    (folder / segment_name(0)).mkdir()
+    store = RunJournal(folder)
     with pytest.raises(RecordError):
         store.start()
-    (folder / "live.sqlite").rmdir()
+    (folder / segment_name(0)).rmdir()
     recover(folder)
     assert read_manifest(folder).state == "sealed"

@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.core import errors
 from jbclog.core.errors import RecordError
-from jbclog.record import live
+from jbclog.record import run_journal
 from support.records import few_rows
 
 
@@ -24,8 +24,8 @@ def test_a_failure_that_cannot_even_be_worded_is_remembered_and_told_later(
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(live, "RecordError", refuse)
-        patch.setattr(live, "EventRow", refuse)
+        patch.setattr(run_journal, "RecordError", refuse)
+        patch.setattr(run_journal, "EventRow", refuse)
         with pytest.raises(MemoryError):
             store._fail("whatever")
     assert str(store.failure).endswith("the record is not whole: memory was refused")

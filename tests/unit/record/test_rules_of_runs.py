@@ -131,10 +131,10 @@ def test_a_figure_of_a_verdict_that_was_changed_since_is_found(
     run_of: RunOf, tmp_path: Path
 ) -> None:
     folder = run_of("rejected", tmp_path)
-    found = changed(folder, lambda rule: rule.update(limit=1e9, observed=0.5))
+    found = changed(folder, lambda rule: rule.update(limit_value=1e9, observed=0.5))
     assert "verdict, coverage" in {one.rpartition(" of ")[0] for one in found}
     assert {one.partition(": was ")[0].rpartition(", ")[2] for one in found} == {
-        "limit",
+        "limit_value",
         "observed",
     }
     last_bits = changed(folder, lambda rule: rule.update(observed=nearly(rule["observed"])))
@@ -145,7 +145,7 @@ def nearly(value: object) -> object:
     return value * (1 + 1e-12) if isinstance(value, float) else value
 
 
-@pytest.mark.parametrize("name", ["name", "station", "port", "result", "limit", "observed"])
+@pytest.mark.parametrize("name", ["name", "station", "port", "result", "limit_value", "observed"])
 def test_a_rule_that_lacks_something_is_a_difference(
     run_of: RunOf, tmp_path: Path, name: str
 ) -> None:

@@ -24,7 +24,8 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.schema import FLAG, INT, SCHEMAS, TEXT, TIME
 
 CONTRACT = (
-    "seq, time, earliest, station, port, kind, severity, code, text, value, limit, raw, prev_sha256"
+    "run, seq, time, earliest, station, port, kind, severity, code, text, value, limit_value, raw,"
+    " prev_sha256"
 )
 CONTRACT_EVENTS = CONTRACT.split(", ")
 FLAG_COLUMNS = [
@@ -38,15 +39,18 @@ FLAG_COLUMNS = [
     "preparing",
     "in_range",
 ]
-TEXT_COLUMNS = ["station", "quality", "reasons", "status", "motor"]
+TEXT_COLUMNS = ["run", "station", "quality", "reasons", "status", "motor"]
 
 
 def test_columns_are_those_of_the_rows() -> None:
-    assert tuple(SCHEMAS["samples"].names) == SAMPLE_COLUMNS
-    assert tuple(SCHEMAS["settings"].names) == SettingRow._fields
-    assert tuple(SCHEMAS["counters"].names) == CounterRow._fields
+    for table, made in (
+        ("samples", SAMPLE_COLUMNS),
+        ("settings", SettingRow._fields),
+        ("counters", CounterRow._fields),
+    ):
+        assert SCHEMAS[table].names == ["run", "seq", *made]
     assert SCHEMAS["events"].names == CONTRACT_EVENTS
-    assert set(EventRow._fields) == set(CONTRACT_EVENTS) - {"seq", "prev_sha256"}
+    assert set(EventRow._fields) == set(CONTRACT_EVENTS) - {"run", "seq", "prev_sha256"}
 
 
 def test_types_are_those_that_the_rows_promise() -> None:
@@ -75,8 +79,8 @@ def test_units_and_commands_stand_in_the_fields() -> None:
             )
             assert command.letters in metadata[b"command"].decode().replace("R-", "")
             if command.unit:  # a share of what the station says is its most is told in per mille
-                assert metadata[b"unit"].decode() == ("‰" if command.share_of else command.unit)
-    assert schema.field("late_us").metadata[b"unit"].decode() == "µs"
+                assert metadata[b"uom"].decode() == ("‰" if command.share_of else command.unit)
+    assert schema.field("late_us").metadata[b"uom"].decode() == "µs"
 
 
 @pytest.mark.parametrize("table", TABLES)

@@ -1,441 +1,243 @@
-"""The file of a wire: what is written is read again to the bit, and whatever a crash leaves of it
-can be read.
-"""
+"""The rows of a serial capture come back as they were, and what is lost is named."""
 
 from __future__ import annotations
 
-import errno
-import gzip
+import math
 import os
-import zlib
-from collections.abc import Iterator
+import shutil
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
-import pandas as pd
+import pyarrow as pa
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
-from jbclog.core.errors import RecordError
-from jbclog.record import capture_recorder
-from jbclog.record.capture import (
-    Head,
-    count_rows,
-    head_line,
-    is_done,
-    mend,
-    read_head,
-    read_to_hole,
-    wire_path,
-    wire_paths,
+from jbclog.core.capture_rows import (
+    CaptureRow,
+    LinkRow,
+    LinkRowKind,
+    RequestName,
+    ResultKind,
+    ResultRow,
 )
-from jbclog.record.capture_file import FIXED, WINDOW, Gap, blocks, line_of, packed, row_of
-from jbclog.record.capture_recorder import WireRecorder
-from jbclog.record.check import check
-from jbclog.record.manifest import Manifest, read_manifest, write_manifest
-from jbclog.record.recover import recover
-from support.readers.run_files import read_rows
-from support.records.few_rows import abandoned
-from support.records.small_run import make_run
-
-HEAD = Head(
-    "dde-1",
-    "/dev/ttyUSB0",
-    "tht.toml",
-    8123.480001251,
-    1_790_000_000.25,
-    90.0,
-    "fit",
-    jbclog="0.1.0",
+from jbclog.record import wire_recorder
+from jbclog.record.frames import Commit, read_items
+from jbclog.record.journal_reader import Segment
+from jbclog.record.parts import part_paths
+from jbclog.record.wire import (
+    captured_rows,
+    heads_of,
+    losses,
+    rows_in,
+    seal_capture,
+    segments,
 )
-QUESTION, ANSWER = b"\x020001RSMN\x03\x02", b"\x020100ASMN DDE\x03U"
+from jbclog.record.wire_recorder import Head, WireRecorder
+from support.links.small_wire import HEAD, ROWS, pieces, write_wire
 
-
-def some_rows(count: int) -> Iterator[CaptureRow]:
-    """What a session of so many exchanges leaves."""
-    yield ResultRow(8123.5, "told", "wait")
-    yield LinkRow(8123.51, "opened", text="/dev/ttyUSB0")
-    for number in range(count):
-        at_s = 8124.0 + number * 0.0147123
-        yield LinkRow(at_s, "sent", QUESTION)
-        yield LinkRow(at_s + 0.014, "heard", ANSWER)
-        yield ResultRow(at_s + 0.0140021, "told", "ask", len(ANSWER), at_s - 1.7e-6)
-    yield ResultRow(8200.0, "broke", "listen", text='the "port"\tis\ngone…')
-    yield ResultRow(8201.0, "done", "wait")
-
-
-ROWS = list(some_rows(300))
-ENDS_EARLY = (
-    "wire/dde-1.tsv.gz ends before its session: at most the last 1 s are missing, or what"
-    " wire.failed says."
+TIMES = st.floats(0, 1e8, allow_nan=False)
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
+SIZES = st.integers(0, 1 << 20)
+LINK_ROWS = st.builds(
+    LinkRow, TIMES, st.sampled_from(get_args(LinkRowKind)), st.binary(max_size=60), TEXTS
 )
-HEADS = 5  # of 11 blocks or so: in those of numbers 0, 1, 2, 4 and 8
-
-
-def written(folder: Path, rows: list[CaptureRow], *, writes: int = 10, close: bool = True) -> Path:
-    """The file of these rows, written in so many pieces."""
-    folder.mkdir(exist_ok=True)
-    recorder = WireRecorder(folder)
-    keep = recorder.begin(HEAD)
-    for place, row in enumerate(rows):
-        keep(row)
-        if place % (len(rows) // writes + 1) == 0:
-            recorder.write()
-    recorder.write()
-    if close:
-        recorder.close()
-        assert recorder.troubles() == []
-    return wire_path(folder, "dde-1")
-
-
-# -- the format ------------------------------------------------------------------------------------
-
-moments = st.floats(0, 1e9)
-texts = st.text(max_size=40)
-rows_made_up = st.one_of(
-    st.builds(
-        LinkRow,
-        moments,
-        st.sampled_from(["sent", "heard"]),
-        st.binary(min_size=1, max_size=40),
-        st.just(""),
-    ),
-    st.builds(
-        LinkRow,
-        moments,
-        st.sampled_from(["opened", "failed", "lost", "closed"]),
-        st.just(b""),
-        texts,
-    ),
-    st.builds(
-        ResultRow,
-        moments,
-        st.just("told"),
-        st.just("ask"),
-        st.integers(0, 4096),
-        moments,
-        st.just(""),
-        moments,
-    ),
-    st.builds(
-        ResultRow,
-        moments,
-        st.just("told"),
-        st.sampled_from(["listen", "wait", "reopen"]),
-        st.integers(0, 4096),
-        st.just(0.0),
-        st.just(""),
-        moments,
-    ),
-    st.builds(
-        ResultRow,
-        moments,
-        st.sampled_from(["broke", "stopped"]),
-        st.sampled_from(["ask", "wait"]),
-        st.just(0),
-        st.just(0.0),
-        texts,
-        st.just(0.0),
-    ),
+RESULT_ROWS = st.builds(
+    ResultRow,
+    TIMES,
+    st.sampled_from(get_args(ResultKind)),
+    st.sampled_from(get_args(RequestName)),
+    SIZES,
+    TIMES,
+    TEXTS,
+    TIMES,
+)
+COMMITS = st.lists(
+    st.lists(st.tuples(st.sampled_from("ab"), LINK_ROWS | RESULT_ROWS), max_size=20), max_size=5
 )
 
 
-@settings(max_examples=40)
-@given(rows_made_up)
-def test_a_row_comes_back_to_the_bit(row: CaptureRow) -> None:
-    line = line_of(row)
-    assert line.count("\n") == 1
-    assert line.count("\t") == 2
-    assert row_of(line) == row
-
-
-NO_ROWS = (
-    "",
-    "1.0\tsent",
-    "x\tsent\t00",
-    "1.0\tsent\t0",
-    "1.0\tsang\tla",
-    "1.0\ttold\tsing 1",
-    "1.0\ttold\task x",
-)
-
-
-@pytest.mark.parametrize("line", NO_ROWS)
-def test_what_is_no_row(line: str) -> None:
-    with pytest.raises(ValueError, match=r"."):
-        row_of(line)
-
-
-def test_the_file_opens_with_other_tools(tmp_path: Path) -> None:
-    path = written(tmp_path, ROWS)
-    with gzip.open(path, "rt") as file:
-        assert next(file) == "at_s\twhat\tdata\n"
-    table = pd.read_csv(path, sep="\t", dtype={"data": str})
-    assert list(table.columns) == ["at_s", "what", "data"]
-    assert len(table) == count_rows(path)
-    assert table["what"].value_counts()["run"] == HEADS
-    assert len(table) == len(ROWS) + HEADS
-    assert bytes.fromhex(table.loc[table["what"] == "heard", "data"].iloc[-1]) == ANSWER
-
-
-def test_what_was_kept_is_read_again(tmp_path: Path) -> None:
-    path = written(tmp_path, ROWS)
-    assert read_head(path) == HEAD
-    assert list(read_rows(path)) == ROWS
-    assert list(read_to_hole(path)) == ROWS
-    assert is_done(path)
-    assert not mend(path)
-    assert path.stat().st_size < 40 * 300
-
-
-def test_a_port_is_closed_behind_the_end_of_its_session(tmp_path: Path) -> None:
-    path = written(tmp_path, [*ROWS, LinkRow(8201.1, "closed")])
-    assert is_done(path)
-    path.write_bytes(path.read_bytes()[:-1])
-    assert not is_done(path)
-
-
-def test_a_file_that_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "x.tsv.gz"
-    members = [
-        gzip.compress(text) for text in (b"one\ttwo\n1\t2\n", b"at_s\twhat\tdata\n1.0\tsent\t00\n")
-    ]
-    for data in (b"", b"at_s\twhat\tdata\n", *members):
-        path.write_bytes(data)
-        with pytest.raises(RecordError, match="is not a serial capture"):
-            read_head(path)
-
-
-def test_a_file_of_a_newer_jbclog(tmp_path: Path) -> None:
-    path = written(tmp_path, ROWS[:2])
-    text = gzip.decompress(path.read_bytes()).replace(b'"format": 3', b'"format": 4')
-    path.write_bytes(gzip.compress(text))
-    with pytest.raises(RecordError, match="format 4; this jbclog knows 3"):
-        read_head(path)
-
-
-def test_a_line_that_is_no_row_is_named(tmp_path: Path) -> None:
-    path = written(tmp_path, ROWS[:20])
-    text = gzip.decompress(path.read_bytes()).decode().replace("opened", "opine")
-    path.write_bytes(packed(text, 0, 1, zlib.crc32(head_line(HEAD).encode())))
-    with pytest.raises(RecordError, match="line 6: opine"):
-        list(read_rows(path))
-
-
-# -- what a crash leaves ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "tail", [b"", b"\0" * 300, FIXED, os.urandom(300)], ids=["cut", "zeros", "a beginning", "noise"]
-)
-def test_wherever_it_was_cut_off_it_is_mended_to_whole_rows(tmp_path: Path, tail: bytes) -> None:
-    path = written(tmp_path, ROWS, close=False)
-    whole = path.read_bytes()
-    for end in [*range(1, 40), *range(40, len(whole), 397), len(whole)]:
-        path.write_bytes(whole[:end] + tail)
-        before = list(read_rows(path))
-        assert before == ROWS[: len(before)]
-        cut = mend(path)
-        assert path.stat().st_size == end + len(tail) - cut
-        assert list(read_rows(path)) == before
-        if end >= len(FIXED):
-            assert gzip.decompress(path.read_bytes()).endswith(b"\n") or not before
-            assert not mend(path)
-    assert before == ROWS
-
-
-def test_what_is_none_of_ours_is_not_cut(tmp_path: Path) -> None:
-    path = tmp_path / "dde-1.tsv.gz"
-    for data in (b"\0" * 300, b"a letter", gzip.compress(b"a letter\n")[:-3]):
-        path.write_bytes(data)
-        assert not mend(path)
-        assert path.read_bytes() == data
-
-
-@pytest.mark.parametrize("kind", ["a file", "a link", "a pipe"])
-def test_what_takes_its_name_while_it_is_read_is_not_cut(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    path, aside, foreign = written(tmp_path, ROWS, close=False), tmp_path / "a", tmp_path / "b"
-    torn = path.read_bytes()[:-1]
-    path.write_bytes(torn)
-    content = torn * 2  # longer than what is left of the capture
-    foreign.write_bytes(content)
-    really = os.pread
-
-    def swapping(descriptor: int, size: int, at: int) -> bytes:
-        if not aside.exists():
-            path.rename(aside)
-            if kind == "a link":
-                path.symlink_to(foreign)
-            elif kind == "a pipe":
-                os.mkfifo(path)
-            else:
-                foreign.replace(path)
-        return really(descriptor, size, at)
-
-    monkeypatch.setattr(os, "pread", swapping)
-    with pytest.raises(OSError, match="replaced" if kind == "a file" else f"is {kind}, not"):
-        mend(path)
-    monkeypatch.undo()
-    assert aside.read_bytes() == torn
-    assert (path if kind == "a file" else foreign).read_bytes() == content
-
-
-def test_half_a_second_is_what_a_cut_takes_at_most(tmp_path: Path) -> None:
-    """Up to each write all rows are there without what follows."""
-    recorder = WireRecorder(tmp_path)
-    keep = recorder.begin(HEAD)
-    for place, row in enumerate(ROWS[:100], start=1):
-        keep(row)
-        recorder.write()
-        assert len(list(read_rows(wire_path(tmp_path, "dde-1")))) == place
-    recorder.close()
-
-
-def test_recover_closes_it_and_says_so(tmp_path: Path) -> None:
-    folder = abandoned(tmp_path)
-    write_manifest(folder, Manifest(folder.name, wire="open"))
-    path = written(folder, ROWS[:-1], close=False)
-    recover(folder)
-    manifest = read_manifest(folder)
-    assert manifest.wire == ENDS_EARLY
-    listed = {file.path: file.rows for file in manifest.files}
-    assert listed["wire/dde-1.tsv.gz"] == count_rows(path) == len(ROWS) - 1 + HEADS
-    assert check(folder) == []
-    assert list(read_rows(path)) == ROWS[:-1]
-
-
-def test_recover_knows_one_that_had_ended_before(tmp_path: Path) -> None:
-    for rows, said in ((ROWS, "whole"), (ROWS[:-1], ENDS_EARLY)):
-        folder = abandoned(tmp_path / str(len(rows)))
-        write_manifest(folder, Manifest(folder.name, wire="open"))
-        written(folder, rows)
-        recover(folder)
-        assert read_manifest(folder).wire == said
-
-
-def test_check_looks_at_it_too(tmp_path: Path) -> None:
-    folder = make_run(tmp_path, seconds=2.0)
-    path = written(folder, ROWS[:50])
-    assert [str(finding) for finding in check(folder)] == [
-        "wire/dde-1.tsv.gz: is not in the manifest"
-    ]
-    assert wire_paths(folder) == [path]
-
-
-# -- what goes wrong while it is written -----------------------------------------------------------
-
-
-def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
-    """A disk that is full after so many bytes, in the middle of a write."""
-    write, left = os.write, [after]
-
-    def full(descriptor: int, data: memoryview) -> int:
-        if not left[0]:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        done = write(descriptor, data[: left[0]])
-        left[0] -= done
-        return done
-
-    monkeypatch.setattr(capture_recorder.os, "write", full)
-
-
-@pytest.mark.parametrize("after", [0, 5, 100, 1000, 3000])
-def test_a_full_disk_ends_this_file_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
-) -> None:
-    failing(monkeypatch, after)
-    recorder = WireRecorder(tmp_path)
-    keep = recorder.begin(HEAD)
-    for row in ROWS:
-        keep(row)
-        recorder.write()
-    (said,) = recorder.news()
-    assert (
-        said == "wire/dde-1.tsv.gz cannot be written any further: No space left on device. The run"
-        " continues without it."
+def head_of(station: str) -> Head:
+    return Head(
+        station, f"/dev/{station}", "tht.toml", 8123.480001251, 1_790_000_000.25, rate="fit"
     )
-    assert recorder.news() == []
-    recorder.close()
-    path = wire_path(tmp_path, "dde-1")
-    if after < 300:  # not even its first block
-        assert not path.exists()  # an empty file would be no wire record
-        return
-    assert not mend(path)  # it was closed properly
-    rows = list(read_rows(path))
+
+
+def rows_of_segment(path: Path) -> list[pa.Table]:
+    with path.open("rb") as file:
+        return list(Segment(path, file, "run").rows("wire"))
+
+
+@given(COMMITS)
+def test_any_rows_come_back_from_frames_and_from_parquet(
+    commits: list[list[tuple[str, CaptureRow]]],
+) -> None:
+    with tempfile.TemporaryDirectory() as home:
+        folder = Path(home)
+        recorder = WireRecorder(folder)
+        keep = {station: recorder.begin(head_of(station)) for station in "ab"}
+        for commit in commits:
+            for station, row in commit:
+                keep[station](row)
+            recorder.write()
+        recorder.close()
+        assert recorder.trouble is None
+        given_rows = [pair for commit in commits for pair in commit]
+        (segment,) = segments(folder)
+        live = [row for rows in rows_of_segment(segment) for row in rows_in(rows)]
+        seal_capture(folder)
+        assert segments(folder) == []
+        assert heads_of(folder) == {station: head_of(station) for station in "ab"}
+        sealed = []
+        for station in "ab":
+            rows = list(captured_rows(folder, station))
+            assert rows == [row for name, row in given_rows if name == station]
+            sealed += rows
+        assert sorted(live, key=repr) == sorted(sealed, key=repr)
+
+
+@pytest.fixture
+def segment(tmp_path: Path) -> Path:
+    write_wire(tmp_path)
+    (path,) = segments(tmp_path)
+    return path
+
+
+def test_a_capture_that_lacks_nothing(segment: Path) -> None:
+    seal_capture(segment.parent)
+    assert losses(segment.parent) == []
+    assert list(captured_rows(segment.parent, HEAD.station)) == ROWS
+
+
+@pytest.mark.parametrize("number", range(1, len(list(pieces())) - 1))
+def test_a_damaged_commit_costs_its_rows_and_is_named(segment: Path, number: int) -> None:
+    with segment.open("rb") as file:
+        commits = [item for item in read_items(file) if isinstance(item, Commit)]
+    data = bytearray(segment.read_bytes())
+    data[commits[number].end - 1] ^= 1
+    segment.write_bytes(data)
+    before = [row for piece in list(pieces())[:number] for row in piece]
+    lost = len(list(pieces())[number])
+    seal_capture(segment.parent)
+    assert list(captured_rows(segment.parent, HEAD.station)) == before
+    (loss,) = losses(segment.parent)
+    assert loss.startswith(f"{lost} rows before row {1 + len(before) + lost} are missing")
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 0.9])
+def test_of_a_capture_that_was_cut_off_the_whole_commits_are_there(
+    segment: Path, share: float
+) -> None:
+    os.truncate(segment, int(segment.stat().st_size * share))
+    seal_capture(segment.parent)
+    rows = list(captured_rows(segment.parent, HEAD.station))
     assert rows == ROWS[: len(rows)]
-    assert len(rows) >= (after - 1200) // 100
+    assert len(rows) < len(ROWS)
+    assert losses(segment.parent) == [f"the session of {HEAD.station} has no end"]
 
 
-def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "wire").write_text("a file is in its way")
-    recorder = WireRecorder(tmp_path)
-    keep = recorder.begin(HEAD)
-    keep(ROWS[0])
-    recorder.write()
-    recorder.close()
-    (said,) = recorder.troubles()
-    assert "Not a directory" in said
+def test_sealing_that_was_killed_takes_each_row_once(segment: Path) -> None:
+    kept = shutil.copy(segment, segment.with_name("kept"))
+    seal_capture(segment.parent)
+    shutil.move(kept, segment)  # it was not removed before the kill
+    seal_capture(segment.parent)
+    assert segments(segment.parent) == []
+    assert list(captured_rows(segment.parent, HEAD.station)) == ROWS
 
 
-def test_it_gives_way_to_the_record_where_room_is_short(
+def test_a_long_capture_has_several_segments_and_the_last_is_not_sealed_while_it_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(capture_recorder, "LEAST_FREE", 1 << 60)
-    recorder = WireRecorder(tmp_path)
-    recorder.begin(HEAD)(ROWS[0])
-    recorder.write()
-    (said,) = recorder.news()
-    assert "are free on the disk, and the record needs them" in said
-
-
-def test_a_disk_that_hangs_takes_no_more_memory_than_there_is_for_it(tmp_path: Path) -> None:
+    monkeypatch.setattr(wire_recorder, "ROWS_A_SEGMENT", 5)
     recorder = WireRecorder(tmp_path)
     keep = recorder.begin(HEAD)
-    for _ in range(capture_recorder.MOST_ROWS + 10):
+    for number, piece in enumerate(pieces()):
+        for row in piece:
+            keep(row)
+        recorder.write()
+        if number == 3:
+            seal_capture(tmp_path, is_open=True)
+    recorder.close()
+    assert len(segments(tmp_path)) > 1
+    seal_capture(tmp_path)
+    assert len(part_paths(tmp_path, "wire")) > 2
+    assert losses(tmp_path) == []
+    assert list(captured_rows(tmp_path, HEAD.station)) == ROWS
+
+
+# -- a disk that fails -----------------------------------------------------------------------------
+
+
+def fails_at(place: int) -> Callable[[int, bytes], int]:
+    """Return a write that writes half, and then fails, from the call `place` on."""
+    calls = 0
+
+    def write(descriptor: int, data: bytes) -> int:
+        nonlocal calls
+        calls += 1
+        if calls > place + 1:
+            raise OSError(5, "Input/output error")
+        return plain(descriptor, data[: len(data) // 2] if calls == place + 1 else data)
+
+    plain = os.write
+    return write
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_a_disk_that_fails_ends_the_capture_and_leaves_whole_commits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: int
+) -> None:
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "write", fails_at(place))
+        write_wire(tmp_path)
+    seal_capture(tmp_path)
+    rows = list(captured_rows(tmp_path, HEAD.station))
+    assert rows == [row for piece in list(pieces())[:place] for row in piece]
+    assert bool(heads_of(tmp_path)) == (place > 0)
+
+
+def test_trouble_is_news_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = WireRecorder(tmp_path)
+    keep = recorder.begin(HEAD)
+    assert recorder.news() is None
+    monkeypatch.setattr(wire_recorder, "LEAST_FREE", 1 << 60)
+    keep(ROWS[0])
+    recorder.write()
+    assert "the record needs them" in (recorder.news() or "")
+    assert recorder.news() is None
+    assert recorder.trouble is not None
+
+
+def test_rows_that_wait_for_too_long_end_the_capture(tmp_path: Path) -> None:
+    recorder = WireRecorder(tmp_path)
+    keep = recorder.begin(HEAD)
+    recorder.write()
+    for _ in range(wire_recorder.MOST_ROWS):
         keep(ROWS[0])
     recorder.write()
-    assert "the disk was too slow for it" in recorder.news()[0]
+    assert "too slow" in (recorder.trouble or "")
     recorder.close()
-    assert list(read_rows(wire_path(tmp_path, "dde-1"))) == []
+    seal_capture(tmp_path)
+    assert list(captured_rows(tmp_path, HEAD.station)) == []
 
 
-def test_trouble_with_one_wire_leaves_the_others(tmp_path: Path) -> None:
-    (tmp_path / "wire").mkdir()
-    wire_path(tmp_path, "dde-1").write_text("here already")
+def test_the_thread_writes_every_so_often_and_at_the_end(tmp_path: Path) -> None:
     recorder = WireRecorder(tmp_path)
-    keeps = [recorder.begin(head) for head in (HEAD, Head("dde-2", "x", "tht.toml", 1.0, 2.0))]
+    keep = recorder.begin(HEAD)
     recorder.start()
-    for keep in keeps:
-        keep(ROWS[0])
+    for row in ROWS:
+        keep(row)
     recorder.close()
-    assert len(recorder.news()) == 1
-    assert list(read_rows(wire_path(tmp_path, "dde-2"))) == ROWS[:1]
-    assert wire_path(tmp_path, "dde-1").read_text() == "here already"
+    assert recorder.trouble is None
+    seal_capture(tmp_path)
+    assert list(captured_rows(tmp_path, HEAD.station)) == ROWS
 
 
-def test_the_window_is_one_that_every_reader_has() -> None:
-    assert WINDOW <= zlib.MAX_WBITS
-
-
-def test_a_large_file_without_a_block_takes_little_memory(tmp_path: Path) -> None:
-    path = tmp_path / "a.tsv.gz"
-    with path.open("wb") as file:
-        file.truncate(300 << 20)
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-    before = peak_kib()
-    (gap,) = blocks(path)
-    assert isinstance(gap, Gap)
-    assert (gap.start, gap.end) == (0, 300 << 20)
-    assert peak_kib() - before < 64 << 10
-
-
-def peak_kib() -> int:
-    (line,) = (
-        line
-        for line in Path("/proc/self/status").read_text().splitlines()
-        if line.startswith("VmHWM")
-    )
-    return int(line.split()[1])
+def test_times_are_those_of_the_run(segment: Path) -> None:
+    rows = pa.concat_tables(rows_of_segment(segment))
+    times = rows["time"].cast("int64").to_pylist()
+    for at_s, time in zip(rows["at_s"].to_pylist(), times, strict=True):
+        seconds = at_s - HEAD.t0_mono + HEAD.t0_utc
+        assert math.isclose(time / 1e6, seconds, abs_tol=1e-6)

@@ -34,7 +34,7 @@ HEAD = [
 
 def jtse(rows: int) -> StationFacts:
     facts = station("jtse-1", rows=rows)
-    facts.family, facts.model, facts.tools = "jtse", "JTSE", {1: "JT"}
+    facts.family, facts.model, facts.tool_names = "jtse", "JTSE", {1: "JT"}
     facts.signals = [signal.name for signal in FAMILIES["jtse"].signals]
     return facts
 
@@ -49,7 +49,7 @@ def columns(rows: int = 600) -> dict[str, NDArray[np.generic]]:
     return made | {
         "temperature_c": np.full(rows, 320.0),
         "power_permille": np.full(rows, 210.0),
-        "set_c": np.where(due, 320.0, np.nan),
+        "setpoint_c": np.where(due, 320.0, np.nan),
         "status": status,
         "cooling": cooling.astype(np.float64),
         "desoldering": ((second % 20 > 18) & ~cooling).astype(np.float64),
@@ -166,12 +166,14 @@ def test_without_a_thermocouple_the_page_says_so(tmp_path: Path) -> None:
     assert "no thermocouple" in html
 
 
-def test_hot_air_is_judged_by_what_it_tells(folder: Path) -> None:
+def test_hot_air_is_judged_by_what_it_tells(tmp_path: Path) -> None:
     """It has no alarm flags: that is no missing evidence."""
     limits = Acceptance(
         coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0
     )
-    facts = [jtse(600)]
+    facts = [jtse(3200)]
+    working = {"status": np.full(3200, "on", dtype=object), "cooling": np.zeros(3200)}
+    folder = seal(tmp_path, facts, table(columns(3200) | working))
     judgement = judge(Evidence(folder, facts, ledger_of(folder, facts)), {"jtse-1": limits})
     assert judgement.verdict == "ACCEPT"
     results = {one.name: one.result.value for one in judgement.rules}

@@ -62,7 +62,7 @@ def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_
         row["episode"] for row in found.rows()
     ]
     assert (facts["alarms"]["waiting"], incident["waiting"], incident["side"]) == (1, True, "high")
-    assert incident["onset_earliest"] < incident["onset"]
+    assert incident["start_earliest"] < incident["start"]
     assert facts["alarms"]["findings"] == found.findings()
     assert "not acknowledged" in html
     assert [row["episode"] for row in rows(folder, "alarms")] == [
@@ -124,7 +124,7 @@ def test_joints_are_listed_by_port_and_by_unit_with_their_chart(tmp_path: Path) 
     listed = rows(folder, "joints")
     assert [int(row["joint"]) for row in listed] == joints["joint"].tolist()
     assert [row["unit"] for row in listed] == run.unit_at(joints["start"]).tolist()
-    assert [(one["unit"], one["joints"]) for one in facts["units"]] == [
+    assert [(one["unit"], one["joints_found"]) for one in facts["units"]] == [
         (unit, sum(row["unit"] == unit for row in listed)) for unit in ("SN-1", "SN-2", "SN-3")
     ]
     assert (folder / mine["chart"]["file"]).is_file()

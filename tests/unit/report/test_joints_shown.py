@@ -72,7 +72,7 @@ def sealed(
         "temperature_c": rows.temperature,
         "power_permille": rows.power,
         "status": np.full(count, "working", dtype=object),
-        "set_c": rows.setting,
+        "setpoint_c": rows.setting,
     }
     return seal(out, [facts], table(columns), recipe=recipe)
 
@@ -297,7 +297,7 @@ def test_one_joint_before_a_record_full_of_gaps_proves_nothing(tmp_path: Path) -
     rules = {rule.name: rule for rule in judge_again(folder, read_manifest(folder)).rules}
     share, recovery = rules["recovered_before_next"], rules["recovery_p95"]
     assert (share.observed, share.result, recovery.result) == (100, "missing", "missing")
-    assert "Joints in gaps (" in share.text
+    assert "s of work that was not read are not known." in share.text
 
 
 def test_there_is_one_energy(calm: Told) -> None:
@@ -344,11 +344,12 @@ def test_a_unit_with_joints_without_recovery_has_no_slowest_and_no_flattering_me
         name: [row[number] for row in rows]
         for number, name in enumerate(("recovery_s", "had_s", "recovered"))
     }
-    found = Joints(pa.table(columns), b"", [], ["SN-1"] * 5, [], {})
+    table = pa.table({"unit": ["SN-1"] * 5, **columns})
+    found = Joints(table, {}, [], [], {})
     (unit,) = unit_rows(found)
-    assert (unit["joints"], unit["recovery_n"], unit["not_recovered"]) == (5, 2, 2)
+    assert (unit["joints_found"], unit["recovery_n"], unit["not_recovered"]) == (5, 2, 2)
     assert (unit["recovery_p50_s"], unit["recovery_slowest_s"]) == (1.4, None)
-    (quick,) = unit_rows(Joints(pa.table(columns)[:2], b"", [], ["SN-1"] * 2, [], {}))
+    (quick,) = unit_rows(Joints(table[:2], {}, [], [], {}))
     assert (quick["not_recovered"], quick["recovery_slowest_s"]) == (0, 1.4)
 
 
@@ -372,9 +373,9 @@ def test_the_worst_share_of_recovered_joints_is_the_least() -> None:
             "name": name,
             "station": "a",
             "port": port,
-            "limit": 95.0,
+            "limit_value": 95.0,
             "observed": observed,
-            "unit": "%",
+            "uom": "%",
             "result": "fail",
             "bound": None,
         }

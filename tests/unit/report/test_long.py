@@ -5,8 +5,7 @@ whole rows.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +16,23 @@ import pytest
 from jbclog.analysis.figures import curves
 from jbclog.analysis.figures import port as port_figure
 from jbclog.analysis.figures.curves import GridSeconds
-from jbclog.analysis.figures.from_samples import GrowingColumn, JoinedTrace, has_air, trace
+from jbclog.analysis.figures.from_samples import (
+    GrowingColumn,
+    JoinedTrace,
+    columns_of,
+    has_air,
+    trace,
+)
 from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run import open_run
-from jbclog.analysis.run_tables import RunTables, select
-from jbclog.analysis.verdict import idle, judged_signals
-from jbclog.analysis.verdict.idle import Block, Flags, Floats
+from jbclog.analysis.run_tables import RunTables
+from jbclog.analysis.verdict import judged_signals
+from jbclog.core.rows import PortKey, StationFacts
+from jbclog.record.samples_by_port import SamplesByPort
 from jbclog.report import gather, joints, ports
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joints import COLUMNS, SHOWN, joints_of
-from jbclog.report.ports import PortSamples, samples_of_stations
+from jbclog.report.ports import PortSamples, samples_of
 from jbclog.report.write import as_document, figures_of, report_files
 from support import once
 from support.records import small_run
@@ -55,39 +61,23 @@ def test_a_report_is_the_same_however_its_rows_are_read(
     made: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = open_run(made(tmp_path))
-    joints = joints_of(run)
-    whole = gather.gather(run, joints)
-    monkeypatch.setattr(ports, "MOST_ROWS", 0)  # a pass for each station
+    joints = joints_of(run, run.alarm_findings())
+    whole = gather.gather(run, joints, run.alarm_findings())
     monkeypatch.setattr(curves, "BLOCK_ROWS", 7)
-    monkeypatch.setattr(RunTables, "groups", in_small_groups)
-    pieces = gather.gather(run, joints)
+    monkeypatch.setattr(SamplesByPort, "rows", in_small_tables)
+    pieces = gather.gather(run, joints, run.alarm_findings())
     assert as_document(pieces) == as_document(whole)
     assert figures_of(pieces) == figures_of(whole)
 
 
-def in_small_groups(
-    run: RunTables, table: str, columns: list[str], *, coded: bool = False
+ROWS_OF_PORT = SamplesByPort.rows
+
+
+def in_small_tables(
+    samples: SamplesByPort, key: PortKey, columns: Sequence[str] | None = None
 ) -> Iterator[pa.Table]:
-    for group in run._groups(replace(select(table, columns), coded=coded)):
-        yield from (group.slice(first, 61) for first in range(0, len(group), 61))
-
-
-def test_idle_rows_are_found_once_for_metrics_and_verdict(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The report is the same, byte for byte, as without what is kept."""
-    run, searched, find = small(tmp_path), list[bytes](), idle._idle_rows
-
-    def noted(block: Block, setting: Floats, period_s: float) -> Flags:
-        searched.append(idle._digest(block, period_s))
-        return find(block, setting, period_s)
-
-    monkeypatch.setattr(idle, "_idle_rows", noted)
-    files = report_files(run)
-    assert len({*searched}) == len(searched) == 3  # ports, of a block each
-    monkeypatch.setattr(idle.KEPT, "rows", lambda _block, _period_s, search: search())
-    assert report_files(run) == files
-    assert len(searched) == 9
+    for rows in ROWS_OF_PORT(samples, key, columns):
+        yield from (rows.slice(first, 61) for first in range(0, len(rows), 61))
 
 
 def test_the_scale_of_a_figure_is_found_once_for_its_two_sizes(
@@ -105,9 +95,10 @@ def test_the_scale_of_a_figure_is_found_once_for_its_two_sizes(
 def test_of_the_joints_what_is_shown_is_in_memory_and_the_table_has_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = joints_of(open_run(seal(tmp_path, [station(rows=2400)], table(samples(2400)))))
+    run = open_run(seal(tmp_path, [station(rows=2400)], table(samples(2400))))
+    found = joints_of(run, run.alarm_findings())
     assert found.table.column_names == SHOWN
-    assert len(SHOWN) == 8
+    assert len(SHOWN) == 9
     whole = found.csv()
     header, *lines = whole.decode("utf-8-sig").splitlines()
     assert header.split(",") == [*COLUMNS]
@@ -116,12 +107,12 @@ def test_of_the_joints_what_is_shown_is_in_memory_and_the_table_has_all(
     assert found.csv() == whole
 
 
-def test_row_groups_that_are_not_wanted_are_left_out(tmp_path: Path) -> None:
-    run = open_run(seal(tmp_path, [station(rows=100_000)], table(samples(100_000))))
-    every = [*run.groups("samples", ["tick"])]
-    assert len(every) == 4
-    some = [*run.groups("samples", ["tick"], wanted=lambda number: number % 2 == 1)]
-    assert some == every[1::2]
+def each_port(run: RunTables) -> Iterator[tuple[StationFacts, int, PortSamples]]:
+    for facts in run.stations:
+        samples = run.samples_by_port(["late_us", *columns_of(facts)])
+        grid = Grid(run.manifest.t0_utc_us, facts.period_s, ())
+        for port in facts.ports:
+            yield facts, port, samples_of(samples, facts, port, grid)
 
 
 @pytest.mark.parametrize("made", [small, hot_air, free])
@@ -131,25 +122,23 @@ def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
 ) -> None:
     run = open_run(made(tmp_path))
     monkeypatch.setattr(ports, "ROWS_A_GROUP", at_once)
-    monkeypatch.setattr(RunTables, "groups", in_small_groups)
-    for facts, of_station in samples_of_stations(run, ()):
-        t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
+    monkeypatch.setattr(SamplesByPort, "rows", in_small_tables)
+    for facts, port, rows in each_port(run):
         states = "temperature_c" not in judged_signals(facts)
-        for port, rows in of_station.items():
-            whole = run.samples(facts.name, port)
-            of_air, grid = has_air(facts), Grid(t0_utc_us, facts.period_s)
-            expected = trace(whole, grid, of_states=states, of_air=of_air)
-            found = rows.trace()
-            assert rows.rows == len(whole) > 0
-            assert rows.last_status == whole["status"].dropna().iloc[-1]
-            late_us = whole["late_us"].dropna()
-            assert rows.late_us(0.99) == (np.quantile(late_us, 0.99) if len(late_us) else None)
-            assert np.array_equal(found.seconds[:], expected.seconds[:])
-            for name in ("temperature", "power", "setting"):
-                assert np.array_equal(getattr(found, name), getattr(expected, name), equal_nan=True)
-            assert (found.status, found.gaps) == (expected.status, expected.gaps)
-            assert (found.states, found.period_s) == (expected.states, expected.period_s)
-            assert [*found.reasons] == [*expected.reasons]
+        whole = run.samples(facts.name, port)
+        of_air, grid = has_air(facts), Grid(run.manifest.t0_utc_us, facts.period_s)
+        expected = trace(whole, grid, of_states=states, of_air=of_air)
+        found = rows.trace()
+        assert rows.rows == len(whole) > 0
+        assert rows.last_status == whole["status"].dropna().iloc[-1]
+        late_us = whole["late_us"].dropna()
+        assert rows.late_us(0.99) == (np.quantile(late_us, 0.99) if len(late_us) else None)
+        assert np.array_equal(found.seconds[:], expected.seconds[:])
+        for name in ("temperature", "power", "setting"):
+            assert np.array_equal(getattr(found, name), getattr(expected, name), equal_nan=True)
+        assert found.status == expected.status
+        assert (found.states, found.period_s) == (expected.states, expected.period_s)
+        assert [*found.reasons] == [*expected.reasons]
 
 
 @pytest.mark.parametrize(("latest", "size"), [(65_535, 2), (65_536, 4), (3_000_000_000, 8)])
@@ -159,12 +148,12 @@ def test_how_late_rows_were_takes_as_few_bytes_as_hold_it(
     columns = samples(100)
     columns["late_us"][50] = latest
     run = open_run(seal(tmp_path, [station(rows=100)], table(columns)))
-    ((_, of_station),) = samples_of_stations(run, ())
-    assert of_station[1]._late_us.array().dtype.itemsize == size
-    assert of_station[1].late_us(1.0) == latest
+    ((_, _, rows),) = each_port(run)
+    assert rows._late_us.array().dtype.itemsize == size
+    assert rows.late_us(1.0) == latest
 
 
-def test_spans_and_gaps_that_continue_in_the_next_piece_are_one(tmp_path: Path) -> None:
+def test_spans_that_continue_in_the_next_piece_are_one(tmp_path: Path) -> None:
     columns = samples(600)
     lose(columns, slice(95, 160))
     lose(columns, slice(300, 301), "timeout")
@@ -179,10 +168,9 @@ def test_spans_and_gaps_that_continue_in_the_next_piece_are_one(tmp_path: Path) 
         for first in range(0, len(frame), size):
             pieces.add(trace(frame[first : first + size], grid))
         found = pieces.trace()
-        assert (found.status, found.gaps) == (whole.status, whole.gaps), size
+        assert found.status == whole.status, size
         assert [*found.reasons] == [*whole.reasons]
         assert np.array_equal(found.temperature, whole.temperature, equal_nan=True)
-    assert len(whole.gaps) == 6
 
 
 def test_a_column_takes_the_type_of_its_widest_values() -> None:
@@ -205,8 +193,8 @@ def test_readings_take_two_bytes_where_these_hold_them(
     columns = samples(100)
     columns["temperature_c"][50] = celsius
     run = open_run(seal(tmp_path, [station(rows=100)], table(columns)))
-    ((_, of_station),) = samples_of_stations(run, ())
-    found = of_station[1].trace()
+    ((_, _, rows),) = each_port(run)
+    found = rows.trace()
     assert found.temperature.dtype.itemsize == size
     assert found.temperature[50] == celsius
 
@@ -217,14 +205,12 @@ def test_the_rows_of_a_port_are_small_and_freed_before_its_joints_are_drawn(
     run = open_run(small(tmp_path))
     alive: list[weakref.ref[PortSamples]] = []
     traced: list[weakref.ref[Any]] = []
-    by_port, figures, chart = ports._by_port, ports._figures, ports.joint_facts
+    of_port, figures, chart = ports.samples_of, ports._figures, ports.joint_facts
 
-    def noted(*given: Any) -> dict[str, dict[int, PortSamples]]:
-        found = by_port(*given)
-        alive.extend(
-            weakref.ref(one) for of_station in found.values() for one in of_station.values()
-        )
-        return found
+    def noted(*given: Any) -> PortSamples:
+        rows = of_port(*given)
+        alive.append(weakref.ref(rows))
+        return rows
 
     def charted(*given: Any, **more: Any) -> JointFacts | None:
         left_for_chart.append(sum(one() is not None for one in [*alive, *traced]))
@@ -239,9 +225,10 @@ def test_the_rows_of_a_port_are_small_and_freed_before_its_joints_are_drawn(
         return figures(file, place, one, context)
 
     left, left_for_chart = list[int](), list[int]()
-    monkeypatch.setattr(ports, "_by_port", noted)
+    monkeypatch.setattr(ports, "samples_of", noted)
     monkeypatch.setattr(ports, "_figures", drawn)
     monkeypatch.setattr(ports, "joint_facts", charted)
-    gather.gather(run, joints_of(run))
+    alarms = run.alarm_findings()
+    gather.gather(run, joints_of(run, alarms), alarms)
     assert len(alive) > 1
-    assert left == left_for_chart == [*range(len(alive) - 1, -1, -1)]
+    assert left == left_for_chart == [0] * len(alive)

@@ -87,8 +87,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_holds_no_time_of_making_and_no_name_of_a_machine(run: Path) -> None:
     data = (run / "report.pdf").read_bytes()
     assert data.startswith(b"%PDF-")
-    ended = json.loads((run / "report.json").read_text("utf-8"))["ended"]
-    stamp = re.sub(r"[-:T]", "", ended)[:14]
+    stop = json.loads((run / "report.json").read_text("utf-8"))["stop"]
+    stamp = re.sub(r"[-:T]", "", stop)[:14]
     with pikepdf.open(run / "report.pdf") as pdf, pdf.open_metadata() as meta:
         assert {str(pdf.docinfo[name])[:16] for name in ("/CreationDate", "/ModDate")} == {
             f"D:{stamp}"
@@ -98,7 +98,7 @@ def test_it_holds_no_time_of_making_and_no_name_of_a_machine(run: Path) -> None:
             datetime.fromisoformat(str(meta[f"xmp:{name}"])).timestamp()
             for name in ("CreateDate", "ModifyDate")
         }
-    assert dates == {int(datetime.fromisoformat(ended).timestamp())}
+    assert dates == {int(datetime.fromisoformat(stop).timestamp())}
     assert str(run.parent).encode() not in data
 
 

@@ -5,10 +5,12 @@ it.
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from jbclog.core.rows import StationFacts
@@ -27,7 +29,7 @@ def rows_of_states(rows: int = 120) -> Columns:
     fourth.
     """
     there = samples(rows, "omega-1", hz=1.0)
-    for name in ("temperature_c", "power_permille", "set_c", "alarm_high"):
+    for name in ("temperature_c", "power_permille", "setpoint_c", "alarm_high"):
         there[name] = np.full(rows, np.nan)
     there["status"] = np.full(rows, None, dtype=object)
     second = np.arange(rows)
@@ -50,7 +52,7 @@ def lose(columns: Columns, rows: slice, *names: str) -> None:
 def facts(rows: int = 120) -> StationFacts:
     found = station("omega-1", rows=rows, hz=1.0)
     found.family, found.model, found.software, found.address = "omega", None, None, None
-    found.signals, found.tools, found.safe_state, found.touched, found.last_temperature_c = (
+    found.signals, found.tool_names, found.safe_state, found.touched, found.last_temperature_c = (
         list(STATES),
         {},
         {},
@@ -97,11 +99,22 @@ def test_coverage_and_gap_are_those_of_its_states(tmp_path: Path) -> None:
     coverage, gap = rule(report, "coverage"), rule(report, "longest_gap")
     assert coverage["text"] == "State coverage 95 % (342 of 360), required 99 %."
     assert coverage["result"] == "fail"
-    assert gap["text"] == "Longest gap in readings 4 s, allowed 3 s."
+    assert gap["text"] == "Longest gap in readings 5 s, allowed 3 s and a period of 1 s."
     (port,) = report["stations"][0]["ports"]
-    assert port["recorded"]["gaps"] == [
-        {"from": port["recorded"]["gaps"][0]["from"], "seconds": 4.0, "why": "timeout"}
-    ]
+    (listed,) = port["recorded"]["gaps"]
+    assert listed["seconds"] == pytest.approx(5, abs=0.05)  # when the answers came
+    assert (listed["missing"], listed["reasons"]) == (4, "timeout")
+    assert listed["at_least"] is False
+    between = datetime.fromisoformat(listed["stop"]) - datetime.fromisoformat(listed["start"])
+    assert between.total_seconds() == listed["seconds"]
+
+
+def test_the_longest_gap_is_listed_first(tmp_path: Path) -> None:
+    columns = rows_of_states()
+    for lost in (slice(10, 11), slice(40, 44), slice(80, 82)):
+        lose(columns, lost, *STATES, "clogged")
+    (port,) = told(tmp_path, columns)["stations"][0]["ports"]
+    assert [gap["missing"] for gap in port["recorded"]["gaps"]] == [4, 2, 1]
 
 
 def test_limits_about_what_it_does_not_tell_are_not_about_it(tmp_path: Path) -> None:

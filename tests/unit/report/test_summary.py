@@ -28,8 +28,8 @@ def test_the_worst_is_named_and_a_failure_is_the_result() -> None:
     assert lines == [
         {
             "name": "coverage",
-            "limit": 99.5,
-            "unit": "%",
+            "limit_value": 99.5,
+            "uom": "%",
             "kept": 21,
             "of": 22,
             "worst": 98.0,

@@ -75,7 +75,7 @@ def test_events_keep_what_is_missing_missing(tmp_path: Path) -> None:
             "code": None,
             "text": "x",
             "value": None,
-            "limit": None,
+            "limit_value": None,
             "raw": None,
         }
     ]

@@ -19,7 +19,6 @@ from urllib.parse import quote, unquote
 import numpy as np
 import pytest
 
-from jbclog.analysis.run import Run
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity
 from jbclog.core.text import clean
@@ -80,7 +79,11 @@ ATTRIBUTES = {
     "src",
     "alt",
 }
-BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files of the report itself
+BESIDE = (
+    "tables/joints.csv",
+    "tables/metrics.csv",
+    "derived/joints.parquet",
+)  # files of the report itself
 ATTRIBUTES |= {"data-what", "data-zoom"}
 OURS = [(files("jbclog.report").joinpath(*path)).read_bytes().decode() for path in SCRIPTS]
 
@@ -167,7 +170,7 @@ def test_a_recorded_run_is_told_with_its_verdict_first(shown: tuple[Page, dict[s
         "1.01 ms",
     ):
         assert word in page.text, word
-    assert "disconnected 3.0 s" in page.text
+    assert "disconnected 3.1 s" in page.text
     assert [len(one["ports"]) for one in sorted(data["stations"], key=lambda one: one["name"])] == [
         1,
         2,
@@ -281,7 +284,7 @@ HOSTILE = (" ".join(MARKUP), "javascript:alert(1)", "../../../etc/passwd")
 def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) -> None:
     facts = station(name=text, rows=600)
     facts.url = facts.model = facts.software = facts.recipe = facts.reason = facts.family = text
-    facts.tools, facts.not_supported, facts.safe_state = {1: text}, [text], {1: text}
+    facts.tool_names, facts.not_supported, facts.safe_state = {1: text}, [text], {1: text}
     folder = seal(
         tmp_path,
         [facts],
@@ -306,7 +309,7 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
                 "port": 1,
                 "text": text,
                 "result": text,
-                "limit": text,
+                "limit_value": text,
                 "observed": text,
             }
         ],
@@ -346,11 +349,12 @@ def test_a_run_without_limits_is_not_judged(tmp_path: Path) -> None:
 
 
 def test_a_run_that_ended_without_a_verdict_is_judged_by_its_recipes(tmp_path: Path) -> None:
-    page, data = report(sealed(tmp_path, rows=900))
+    rows = samples(3600, joints_until_s=40.0)
+    page, data = report(seal(tmp_path, [station(rows=3600)], table(rows)))
     assert [attrs["class"] for tag, attrs in page.elements if tag == "img"] == [
         "wide",
         "narrow",
-    ] * 2  # paper's and a phone's; of joints
+    ] * 3  # paper's and a phone's; of joints and of their course
     assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("ACCEPT", "by this report")
     assert "All limits passed." in page.text
 
@@ -361,7 +365,7 @@ def test_a_lost_run_is_never_accepted_and_says_what_is_missing(tmp_path: Path) -
         exit_status="lost",
         exit_code=4,
         lost=Lost(1.0, "At most 1 s of every station is missing."),
-        ended=None,
+        stop=None,
     )
     page, data = report(folder)
     assert data["verdict"]["word"] == "INCONCLUSIVE"
@@ -482,7 +486,7 @@ def test_what_was_not_read_is_not_a_number(tmp_path: Path) -> None:
     page, data = report(seal(tmp_path, [station(rows=600)], table(columns)))
     port = data["stations"][0]["ports"][0]
     assert port["recorded"]["coverage_percent"] == 0
-    assert port["recorded"]["gaps"][0]["why"] == "disconnected"
+    assert port["recorded"]["gaps"][0]["reasons"] == "disconnected"
     assert {port["tip"][name] for name in port["tip"]} == {None}
     assert {port["power"][name] for name in port["power"]} == {None}
     assert "nan" not in page.text.lower().split()
@@ -499,7 +503,7 @@ def test_figures_of_a_port_come_from_its_rows(tmp_path: Path) -> None:
     )
     page, data = report(folder)
     port = data["stations"][0]["ports"][0]
-    assert (port["tip"]["least_c"], port["tip"]["greatest_c"], port["tip"]["set_c"]) == (
+    assert (port["tip"]["least_c"], port["tip"]["greatest_c"], port["tip"]["setpoint_c"]) == (
         25,
         444,
         350,
@@ -528,7 +532,7 @@ def test_the_collector_looks_rarely_during_a_report_and_as_before_behind_it(
 ) -> None:
     before, during = gc.get_threshold(), list[tuple[int, int, int]]()
 
-    def found(run: Run) -> Joints:
+    def found(*_: object) -> Joints:
         during.append(gc.get_threshold())
         raise RecordError("ends here")
 

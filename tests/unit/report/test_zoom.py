@@ -47,7 +47,7 @@ def traced(rows: int) -> Trace:
         "tick": np.arange(rows),
         "temperature_c": 350.0 + np.arange(rows) % 3,
         "power_permille": np.full(rows, 80.0),
-        "set_c": np.where(np.arange(rows) % 50 == 0, 350.0, np.nan),
+        "setpoint_c": np.where(np.arange(rows) % 50 == 0, 350.0, np.nan),
         "status": "working",
         "quality": "ok",
     }
@@ -123,7 +123,11 @@ def test_the_page_holds_every_reading_of_the_record_and_why_there_is_none(shown:
 
 def test_it_holds_what_the_figure_marks(shown: Shown) -> None:
     found = embedded(shown[0])
-    assert found.lanes["no data"] == [(100.0, 103.0, "disconnected"), (150.0, 152.0, "skipped")]
+    # from when the last answer came to when the next one did
+    assert found.lanes["no data"] == [
+        (99.915, 103.015, "disconnected"),
+        (149.915, 152.014, "no_rows"),
+    ]
     assert found.lanes["alarm"] == [(70.0, 72.0, "high")]
     assert [(a, b) for a, b, _ in found.lanes["status"]] == [
         (0.0, 100.0),

@@ -177,7 +177,7 @@ def test_what_was_not_read_says_why_and_no_line_crosses_it(desk: View) -> None:
         .split(": ", 1)[1]
         .startswith("temperature not read: disconnected · power not read: disconnected")
     )
-    assert "no data: disconnected, 3 s" in desk.text()
+    assert "no data: disconnected, 3.1 s" in desk.text()
     assert "power not read: timeout" in desk.hover(LOST_POWER / HZ)
     assert "temperature 3" in desk.text()
     gap, before = desk.colours(0, 300.1, 302.8), desk.colours(0, 297, 299.8)

@@ -10,12 +10,21 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from jbclog.config.load_recipe import parse_recipe
-from jbclog.config.recipe import Recipe
-from jbclog.core.serial_line import BAUDRATES, LineFormat
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.rates import readings_for, too_fast
-from jbclog.session.scheduler import CEILING, Demand, Grid, ScheduledRead, SlowReadings, read_wire_s
+from support.product import (
+    BAUDRATES,
+    FAMILIES,
+    SLOW_CEILING,
+    Demand,
+    Grid,
+    LineFormat,
+    Recipe,
+    ScheduledRead,
+    SlowReadings,
+    parse_recipe,
+    read_wire_s,
+    readings_for,
+    too_fast,
+)
 from support.virtual.virtual_run import RECIPE
 
 DDE = FAMILIES["dde"]
@@ -192,7 +201,7 @@ def test_what_fits_keeps_every_tick_and_every_ceiling(wire: Wire, share: float) 
     assume(wire.demand.fits(rate_hz, wire.turnaround_s))
     longest_s = max(one.period_s or 0 for one in wire.readings)
     seen = simulate(wire, rate_hz, min(2.5 * longest_s, 3000 / rate_hz))
-    assert seen.worst_periods <= CEILING
+    assert seen.worst_periods <= SLOW_CEILING
     assert seen.skipped == 0
     assert seen.latest_s <= wire.demand.longest_slow_s(wire.turnaround_s) + 1e-9
 
@@ -205,7 +214,7 @@ def test_where_too_much_has_to_be_asked_ticks_are_skipped_and_slow_signals_are_n
     wire = Wire(readings_for(DDE, (1, 2), recipe_with(), LINE, True), 0.001)
     seen = simulate(wire, too_much * wire.demand.best_rate_hz(0.001), 200)
     assert seen.skipped > 0
-    assert seen.worst_periods <= CEILING
+    assert seen.worst_periods <= SLOW_CEILING
 
 
 @settings(max_examples=150, deadline=None)

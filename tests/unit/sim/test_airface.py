@@ -6,7 +6,7 @@ import pytest
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
-from jbclog.sim.hotair import AirModel, AirStation
+from jbclog.sim.hotair import AirPlant, AirStation
 from jbclog.sim.virtual import VirtualStation
 from support.virtual.by_frame import T0, told
 
@@ -23,7 +23,7 @@ def station(**sim: object) -> VirtualStation:
 
 def physics(asked: VirtualStation) -> AirStation:
     face = asked.device.face
-    assert isinstance(face, AirModel)
+    assert isinstance(face, AirPlant)
     return face.station
 
 

@@ -9,9 +9,9 @@ import pytest
 from jbclog.config.line import parse_line
 from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.omega import ConditionRecord
-from jbclog.sim.omega import SLOWEST_S, WARM_UP_S, VirtualOmega, seconds_of, usual
+from jbclog.sim.omega import SLOWEST_S, WARM_UP_S, seconds_of, usual
 from jbclog.sim.setup import virtual_station
-from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.virtual import VirtualOmega, VirtualStation
 from support.clients.omega_talk import framed
 
 LINE = (

@@ -6,19 +6,19 @@ from itertools import pairwise
 
 import pytest
 
-from jbclog.sim.plant import Feeder, Plant, StationSettings
 from jbclog.sim.port import STAND, WORKING, SimPort
+from jbclog.sim.soldering_station import Feeder, SolderingStation, StationSettings
 from jbclog.sim.tip import NEVER, JointSchedule, Tip
 
 T0 = 1000.0
 
 
-def plant(counts: dict[str, float] | None = None) -> Plant:
+def plant(counts: dict[str, float] | None = None) -> SolderingStation:
     ports = {
         number: SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(0.0, 1.5, number))
         for number in (1, 2)
     }
-    return Plant(T0, ports, Feeder(), StationSettings(500, 90), counts or {})
+    return SolderingStation(T0, ports, Feeder(), StationSettings(500, 90), counts or {})
 
 
 def test_a_discontinuous_feed_goes_forward_then_backward_and_is_counted() -> None:

@@ -7,7 +7,13 @@ import time
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
+from jbclog.core.io_requests import (
+    IoResult,
+    ask,
+    listen,
+    reopen,
+    wait,
+)
 from jbclog.transport import blocking
 from support.links.near_ends import PairPort, ThreadedPort
 
@@ -16,10 +22,10 @@ KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descript
 
 @KINDS
 def test_it_does_what_is_wished_and_gives_what_the_session_returns(kind: type[PairPort]) -> None:
-    def session() -> Steps[bytes]:
-        yield Wait(0.0)
-        yield Reopen()
-        return (yield Ask(b"abc", 5.0)).data
+    async def session() -> bytes:
+        await wait(0.0)
+        await reopen()
+        return (await ask(b"abc", 5.0)).data
 
     port = kind()
     assert blocking.run(session(), lambda: port, sleep=time.sleep) == b"cba"
@@ -27,9 +33,9 @@ def test_it_does_what_is_wished_and_gives_what_the_session_returns(kind: type[Pa
 
 
 def test_patience_ends() -> None:
-    def session() -> Steps[IoResult]:
-        yield Reopen()
-        return (yield Ask(b"abc", 0.05))
+    async def session() -> IoResult:
+        await reopen()
+        return await ask(b"abc", 0.05)
 
     heard = blocking.run(session(), lambda: PairPort(lambda question: b""), sleep=time.sleep)
     assert heard.data == b""
@@ -40,11 +46,11 @@ def test_patience_ends() -> None:
 def test_what_came_during_a_wait_is_no_answer_to_the_next_question(kind: type[PairPort]) -> None:
     port = kind()
 
-    def session() -> Steps[list[bytes]]:
-        yield Reopen()
+    async def session() -> list[bytes]:
+        await reopen()
         port.far.send(b"duplicate")
-        unasked = (yield Wait(0.0)).data
-        return [unasked, (yield Ask(b"abc", 5.0)).data, (yield Listen(0.0)).data]
+        unasked = (await wait(0.0)).data
+        return [unasked, (await ask(b"abc", 5.0)).data, (await listen(0.0)).data]
 
     assert blocking.run(session(), lambda: port, sleep=time.sleep) == [b"duplicate", b"cba", b""]
 
@@ -54,19 +60,19 @@ def test_a_broken_link_is_thrown_where_it_is_met(kind: type[PairPort]) -> None:
     ports = [kind(), kind()]
     opened = iter(ports)
 
-    def session() -> Steps[str]:
+    async def session() -> str:
         try:
-            yield Ask(b"abc", 5.0)
+            await ask(b"abc", 5.0)
         except LinkError as error:
             told = str(error)
-        yield Reopen()
+        await reopen()
         ports[0].unplug()
-        yield Wait(0.0)
+        await wait(0.0)
         try:
-            yield Ask(b"abc", 5.0)
+            await ask(b"abc", 5.0)
         except LinkError:
-            yield Reopen()
-        return f"{told}, then {(yield Ask(b'abc', 5.0)).data.decode()}"
+            await reopen()
+        return f"{told}, then {(await ask(b'abc', 5.0)).data.decode()}"
 
     assert (
         blocking.run(session(), lambda: next(opened), sleep=time.sleep)
@@ -78,8 +84,8 @@ def test_a_broken_link_is_thrown_where_it_is_met(kind: type[PairPort]) -> None:
 def test_the_port_is_given_back_whatever_happens() -> None:
     port = PairPort()
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):

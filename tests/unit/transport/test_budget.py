@@ -11,7 +11,13 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
+from jbclog.core.io_requests import (
+    IoResult,
+    ask,
+    listen,
+    reopen,
+    wait,
+)
 from jbclog.transport import blocking
 from jbclog.transport.port import MOST_AT_ONCE, MOST_KEPT, MOST_READS, REST_S, Budget
 from jbclog.transport.reactor import Reactor
@@ -49,7 +55,7 @@ def flooding(port: PairPort, piece: bytes) -> Iterator[None]:
 def test_answers_in_pieces_of_a_byte_are_never_made_to_rest() -> None:
     budget = Budget()
     for _ in range(100):
-        budget.asked()
+        budget.reads = 0
         assert not any(budget.is_spent(1) for _ in range(MOST_READS))
     assert budget.is_spent(1)
     assert budget.is_spent(MOST_AT_ONCE)
@@ -60,11 +66,11 @@ def test_answers_in_pieces_of_a_byte_are_never_made_to_rest() -> None:
 def test_what_comes_in_a_wait_is_bounded(kind: type[PairPort], piece: bytes) -> None:
     port, heard = kind(lambda _: b""), list[IoResult]()
 
-    def session() -> Steps[None]:
-        now = (yield Reopen()).now
+    async def session() -> None:
+        now = (await reopen()).now
         # the thread that floods may be late
         while sum(bool(one.data) for one in heard) < 3 and len(heard) < 200:
-            heard.append((yield Wait(now + 0.3)))
+            heard.append(await wait(now + 0.3))
             now = heard[-1].now
 
     reactor = Reactor()
@@ -84,17 +90,17 @@ def test_a_listener_is_told_some_twenty_times_a_second_and_its_neighbour_at_once
     told: list[float] = []
     waited: list[float] = []
 
-    def listening() -> Steps[None]:
-        begun = (yield Reopen()).now
-        while (heard := (yield Listen(begun + 1.0))).now < begun + 1.0:
+    async def listening() -> None:
+        begun = (await reopen()).now
+        while (heard := await listen(begun + 1.0)).now < begun + 1.0:
             told.append(heard.now)
 
-    def asking() -> Steps[None]:
-        begun = now = (yield Reopen()).now
+    async def asking() -> None:
+        begun = now = (await reopen()).now
         while now < begun + 1.0:
-            heard = yield Ask(b"question", 1.0)
+            heard = await ask(b"question", 1.0)
             waited.append(heard.now - heard.sent)
-            now = (yield Wait(heard.now + 0.01)).now
+            now = (await wait(heard.now + 0.01)).now
 
     reactor = Reactor()
     reactor.add(listening(), lambda: flooded)
@@ -108,13 +114,13 @@ def test_a_listener_is_told_some_twenty_times_a_second_and_its_neighbour_at_once
 def test_answers_come_again_once_the_flood_is_over() -> None:
     port, answers = PairPort(), list[bytes]()
 
-    def session() -> Steps[None]:
-        now = (yield Reopen()).now
+    async def session() -> None:
+        now = (await reopen()).now
         with flooding(port, b"x" * 4096):
-            now = (yield Wait(now + 0.3)).now
-        while (heard := (yield Listen(now + 0.3))).data:
+            now = (await wait(now + 0.3)).now
+        while (heard := await listen(now + 0.3)).data:
             now = heard.now
-        answers.append((yield Ask(b"abc", 2.0)).data)
+        answers.append((await ask(b"abc", 2.0)).data)
 
     reactor = Reactor()
     reactor.add(session(), lambda: port)
@@ -126,10 +132,10 @@ def test_a_thread_of_its_own_rests_too() -> None:
     """Or the threads of the other stations would wait for their turn."""
     port, told = PairPort(lambda _: b""), list[float]()
 
-    def session() -> Steps[None]:
-        begun = now = (yield Reopen()).now
+    async def session() -> None:
+        begun = now = (await reopen()).now
         while now < begun + 0.6 or len(told) < 3:  # the thread that floods may be late
-            heard = yield Listen(now + 0.6)
+            heard = await listen(now + 0.6)
             now = heard.now
             if heard.data:
                 told.append(now - begun)

@@ -5,23 +5,28 @@ out of it and lose nothing.
 from __future__ import annotations
 
 import os
+import select
 import threading
 from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
+from typing import cast
 
 import pytest
 
+from jbclog.app.run.plan import Plan
+from jbclog.app.run.run_record import Observer
+from jbclog.app.run.runner import conduct
 from jbclog.core import clock
-from jbclog.transport.asyncio_loop import AsyncioLoop
-from jbclog.transport.event_loop import EpollLoop, EventLoop, LoopLag
-from jbclog.transport.reactor import make_loop
+from jbclog.core.errors import UsageError
+from jbclog.transport.event_loop import EventLoop, LoopLag
 
 LONG_S = 30.0
 
 
-@pytest.fixture(params=[EpollLoop, AsyncioLoop])
-def loop(request: pytest.FixtureRequest) -> Iterator[EventLoop]:
-    made: EventLoop = request.param()
+@pytest.fixture
+def loop() -> Iterator[EventLoop]:
+    made = EventLoop()
     yield made
     made.close()
 
@@ -45,10 +50,14 @@ def ended_after_turns(loop: EventLoop, turns: int) -> None:
     loop.run_forever()
 
 
-def test_linux_has_epoll() -> None:
-    loop = make_loop()
-    assert isinstance(loop, EpollLoop)
-    loop.close()
+def test_without_epoll_a_run_is_refused_before_anything_is_sent(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delattr(select, "epoll")
+    plan = cast("Plan", None)  # not even looked at
+    with pytest.raises(UsageError, match="needs epoll, which Linux has; here jbclog reads"):
+        conduct(plan, tmp_path / "runs", cast("Observer", None))
+    assert not (tmp_path / "runs").exists()
 
 
 def test_calls_come_at_their_moments(loop: EventLoop) -> None:
@@ -143,11 +152,10 @@ def test_another_thread_wakes_it(loop: EventLoop) -> None:
 
 
 def test_a_closed_one_says_so_to_other_threads() -> None:
-    for kind in (EpollLoop, AsyncioLoop):
-        loop: EventLoop = kind()
-        loop.close()
-        with pytest.raises(RuntimeError, match="closed"):
-            loop.call_soon_threadsafe(print)
+    loop = EventLoop()
+    loop.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        loop.call_soon_threadsafe(print)
 
 
 def test_an_error_comes_out_and_the_other_calls_are_made_next_time(loop: EventLoop) -> None:
@@ -180,7 +188,7 @@ def test_one_that_is_stopped_before_it_runs_does_not_wait(loop: EventLoop) -> No
 
 def test_waits_do_not_end_early_and_are_exact_to_a_part_of_a_millisecond() -> None:
     """epoll alone would be late by 0.7 ms each time; the best of many is not, on any machine."""
-    loop, late = EpollLoop(), list[float]()
+    loop, late = EventLoop(), list[float]()
 
     def ring(moment: float) -> None:
         late.append(clock.elapsed() - moment)
@@ -193,7 +201,7 @@ def test_waits_do_not_end_early_and_are_exact_to_a_part_of_a_millisecond() -> No
 
 
 def test_the_lag_is_what_a_standing_loop_missed() -> None:
-    loop = EpollLoop()
+    loop = EventLoop()
     lag = LoopLag(loop)
     lag.start()
     seen = []

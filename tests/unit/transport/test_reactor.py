@@ -5,6 +5,7 @@ exactly once.
 from __future__ import annotations
 
 import contextlib
+import inspect
 import socket
 import threading
 import time
@@ -13,18 +14,22 @@ from collections.abc import Callable
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Listen, Reopen, RunEnded, Steps, Wait
-from jbclog.transport.asyncio_loop import AsyncioLoop
-from jbclog.transport.event_loop import EpollLoop, Ring
+from jbclog.core.io_requests import (
+    Ask,
+    Listen,
+    Reopen,
+    RunEnded,
+    Steps,
+    ask,
+    do,
+    listen,
+    reopen,
+    wait,
+)
+from jbclog.transport.event_loop import Ring
 from jbclog.transport.port import unread
 from jbclog.transport.reactor import Reactor
 from support.links.near_ends import PairPort, ThreadedPort
-
-
-@pytest.fixture(autouse=True, params=[EpollLoop, AsyncioLoop])
-def each_loop(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jbclog.transport.reactor.make_loop", request.param)
-
 
 KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descriptor", "thread"])
 LONG_S = 30.0  # nobody waits that long
@@ -77,10 +82,10 @@ def pull(
 def test_a_question_is_answered(kind: type[PairPort]) -> None:
     heard = []
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         for question in (b"abc", b"def"):
-            heard.append((yield Ask(question, LONG_S)))
+            heard.append(await ask(question, LONG_S))
 
     port = kind()
     pull(session(), port)
@@ -94,9 +99,9 @@ def test_a_question_is_answered(kind: type[PairPort]) -> None:
 def test_an_answer_that_does_not_come_is_none_at_the_end_of_patience(kind: type[PairPort]) -> None:
     heard = []
 
-    def session() -> Steps[None]:
-        yield Reopen()
-        heard.append((yield Ask(b"abc", 0.05)))
+    async def session() -> None:
+        await reopen()
+        heard.append(await ask(b"abc", 0.05))
 
     pull(session(), kind(lambda question: b""))
     assert heard[0].data == b""
@@ -107,16 +112,16 @@ def test_an_answer_that_does_not_come_is_none_at_the_end_of_patience(kind: type[
 def test_what_came_unasked_is_given_at_the_end_of_a_wait(kind: type[PairPort]) -> None:
     heard, port = [], kind()
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         port.far.send(b"late")
         for _ in range(100):  # a thread that reads may be late
-            unasked = yield Wait(until := soon(0.3))
+            unasked = await wait(until := soon(0.3))
             assert unasked.now >= until
             if unasked.data:
                 heard.append(unasked)
                 break
-        heard.append((yield Ask(b"abc", LONG_S)))
+        heard.append(await ask(b"abc", LONG_S))
 
     pull(session(), port)
     assert [one.data for one in heard] == [b"late", b"cba"]
@@ -125,11 +130,11 @@ def test_what_came_unasked_is_given_at_the_end_of_a_wait(kind: type[PairPort]) -
 def test_pieces_are_given_as_they_come() -> None:
     heard, port = [], PairPort(lambda question: b"")
 
-    def session() -> Steps[None]:
-        yield Reopen()
-        heard.append((yield Ask(b"abc", LONG_S)).data)
-        heard.append((yield Listen(soon(LONG_S))).data)
-        heard.append((yield Listen(soon(0.05))).data)
+    async def session() -> None:
+        await reopen()
+        heard.append((await ask(b"abc", LONG_S)).data)
+        heard.append((await listen(soon(LONG_S))).data)
+        heard.append((await listen(soon(0.05))).data)
 
     pull(
         session(),
@@ -143,12 +148,12 @@ def test_pieces_are_given_as_they_come() -> None:
 def test_what_came_before_a_question_is_not_kept_from_who_listens_for_the_rest() -> None:
     heard, port = [], PairPort(lambda question: b"first")
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         with contextlib.suppress(RunEnded):
-            yield Wait(soon(LONG_S))
-        heard.append((yield Ask(b"abc", LONG_S)).data)
-        heard.append((yield Listen(soon(LONG_S))).data)
+            await wait(soon(LONG_S))
+        heard.append((await ask(b"abc", LONG_S)).data)
+        heard.append((await listen(soon(LONG_S))).data)
 
     def end_when_read(reactor: Reactor) -> None:
         if unread(port.near.fileno()):
@@ -177,16 +182,16 @@ def test_the_rest_of_an_answer_arms_nothing() -> None:
             rung.append(moment)
             wake_at(moment, ring)
 
-        def session() -> Steps[None]:
-            now = (yield Reopen()).now
+        async def session() -> None:
+            now = (await reopen()).now
             reactor.loop.wake_at = noted  # type: ignore[method-assign]
             for _ in range(20):
-                heard, came = (yield Ask(b"0123456789", LONG_S)), b""
+                heard, came = await ask(b"0123456789", LONG_S), b""
                 while heard.data:
                     came += heard.data
                     if len(came) == 10:
                         break
-                    heard = yield Listen(heard.sent + LONG_S)
+                    heard = await listen(heard.sent + LONG_S)
                 assert came == b"9876543210", now
 
         reactor.add(session(), lambda: port)
@@ -204,10 +209,10 @@ def test_the_rest_of_an_answer_arms_nothing() -> None:
 def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
     met, port = [], kind(lambda question: b"")
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         try:
-            yield Ask(b"abc", LONG_S)
+            await ask(b"abc", LONG_S)
         except LinkError as error:
             met.append(str(error))
 
@@ -222,18 +227,39 @@ def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(
 ) -> None:
     met, port = [], kind(lambda question: b"")
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         # it can still be written to: a thread that reads may find it only after the next wish
         port.far.shutdown(socket.SHUT_WR)
-        met.append((yield Wait(soon(0.3))).data)
+        met.append((await wait(soon(0.3))).data)
         try:
-            yield io_request
+            await do(io_request)
         except LinkError as error:
             met.append(str(error).encode())
 
     pull(session(), port)
     assert met == [b"", b"hung up"]
+
+
+def test_a_session_that_asks_a_broken_link_without_pause_keeps_nobody_waiting() -> None:
+    asked: list[bytes] = []
+    is_through = threading.Event()
+
+    async def stubborn() -> None:
+        while not is_through.is_set() and len(asked) < 1_000_000:
+            asked.append(b"abc")
+            with contextlib.suppress(LinkError):
+                await ask(b"abc", LONG_S)
+
+    async def brief() -> None:
+        await wait(soon(0.05))
+        is_through.set()
+
+    reactor = Reactor()
+    reactor.add(stubborn(), PairPort)
+    reactor.add(brief(), PairPort)
+    reactor.run()
+    assert 1 < len(asked) < 1_000_000
 
 
 @pytest.mark.parametrize("error", [LinkError("no such port"), ValueError("a fault of the driver")])
@@ -243,10 +269,10 @@ def test_a_port_that_cannot_be_opened(error: Exception) -> None:
     def cannot() -> PairPort:
         raise error
 
-    def session() -> Steps[None]:
+    async def session() -> None:
         for io_request in (Reopen(), Ask(b"abc", LONG_S)):
             try:
-                yield io_request
+                await do(io_request)
             except LinkError as failure:
                 met.append(str(failure))
 
@@ -262,14 +288,14 @@ def test_a_port_opened_again_is_another(kind: type[PairPort]) -> None:
     ports, heard = [kind(), kind()], []
     opened = iter(ports)
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         ports[0].unplug()
         try:
-            yield Ask(b"abc", LONG_S)
+            await ask(b"abc", LONG_S)
         except LinkError:
-            yield Reopen()
-        heard.append((yield Ask(b"abc", LONG_S)).data)
+            await reopen()
+        heard.append((await ask(b"abc", LONG_S)).data)
 
     reactor = Reactor()
     reactor.add(session(), lambda: next(opened))
@@ -286,9 +312,9 @@ def test_a_port_is_closed_before_it_is_opened_again() -> None:
         closed_when_opened.append(first.is_closed)
         return first if len(closed_when_opened) == 1 else PairPort()
 
-    def session() -> Steps[None]:
-        yield Reopen()
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
+        await reopen()
 
     reactor = Reactor()
     reactor.add(session(), opened)
@@ -308,29 +334,29 @@ def phase(session: Callable[[], Steps[None]]) -> Callable[[], Steps[None]]:
 
 
 @phase
-def waiting() -> Steps[None]:
-    yield Wait(soon(LONG_S))
+async def waiting() -> None:
+    await wait(soon(LONG_S))
 
 
 @phase
-def asking() -> Steps[None]:
-    yield Reopen()
-    yield Ask(b"", LONG_S)
+async def asking() -> None:
+    await reopen()
+    await ask(b"", LONG_S)
 
 
 @phase
-def listening() -> Steps[None]:
-    yield Reopen()
-    yield Listen(soon(LONG_S))
+async def listening() -> None:
+    await reopen()
+    await listen(soon(LONG_S))
 
 
 @phase
-def asking_a_broken_link() -> Steps[None]:
+async def asking_a_broken_link() -> None:
     while True:
         try:
-            yield Ask(b"abc", LONG_S)
+            await ask(b"abc", LONG_S)
         except LinkError:
-            yield Wait(soon(0.001))
+            await wait(soon(0.001))
 
 
 @pytest.mark.parametrize("name", PHASES)
@@ -341,17 +367,17 @@ def test_the_end_is_thrown_once_where_the_session_stands(name: str, at_s: float 
     """
     story: list[object] = []
 
-    def session() -> Steps[None]:
+    async def session() -> None:
         try:
-            yield from PHASES[name]()
+            await PHASES[name]()
         except RunEnded as end:
             story.append(str(end))
-        yield Wait(0.0)
-        yield Reopen()
-        story.append((yield Ask(b"stand", LONG_S)).data)
-        yield Wait(soon(0.05))
-        yield Reopen()
-        story.append((yield Ask(b"sure", LONG_S)).data)
+        await wait(0.0)
+        await reopen()
+        story.append((await ask(b"stand", LONG_S)).data)
+        await wait(soon(0.05))
+        await reopen()
+        story.append((await ask(b"sure", LONG_S)).data)
 
     reactor = Reactor()
     reactor.add(session(), PairPort)
@@ -372,13 +398,13 @@ def test_the_end_while_a_port_is_being_opened_comes_when_it_is_open() -> None:
         go.wait(LONG_S)
         return PairPort()
 
-    def session() -> Steps[None]:
+    async def session() -> None:
         try:
-            yield Reopen()
+            await reopen()
         except RunEnded as end:
             story.append(str(end))
-        story.append((yield Ask(b"stand", LONG_S)).data.decode())
-        yield Reopen()
+        story.append((await ask(b"stand", LONG_S)).data.decode())
+        await reopen()
         story.append("opened again")
 
     reactor = Reactor()
@@ -404,16 +430,16 @@ def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
             assert through.wait(LONG_S)
             super().close()
 
-    def steady() -> Steps[None]:
+    async def steady() -> None:
         rings = 0
         while rings < 10:
-            yield Wait(soon(0.02))
+            await wait(soon(0.02))
             rings += closing.is_set()
         through.set()
 
-    def brief() -> Steps[None]:
-        yield Reopen()
-        yield Wait(soon(0.05))
+    async def brief() -> None:
+        await reopen()
+        await wait(soon(0.05))
 
     reactor, slow = Reactor(), Slow()
     reactor.add(steady(), PairPort)
@@ -422,21 +448,21 @@ def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
     assert slow.is_closed
 
 
-def until_ended(story: list[str]) -> Steps[None]:
+async def until_ended(story: list[str]) -> None:
     """Wait until the run ends, and then for one more answer; both are noted in `story`."""
     try:
-        yield Wait(soon(LONG_S))
+        await wait(soon(LONG_S))
     except RunEnded as end:
         story.append(str(end))
-    yield Reopen()
-    story.append((yield Ask(b"stand", LONG_S)).data.decode())
+    await reopen()
+    story.append((await ask(b"stand", LONG_S)).data.decode())
 
 
 def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
     story = list[str]()
 
-    def broken() -> Steps[None]:
-        yield Wait(soon(0.05))
+    async def broken() -> None:
+        await wait(soon(0.05))
         raise ZeroDivisionError("injected")
 
     reactor = Reactor()
@@ -471,12 +497,12 @@ def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(
     monkeypatch.setattr("jbclog.transport.reactor.ENDING_S", 0.2)
     port, waits = PairPort(), threading.Event()
 
-    def deaf() -> Steps[None]:
-        yield Reopen()
+    async def deaf() -> None:
+        await reopen()
         waits.set()
         while True:
             with contextlib.suppress(RunEnded):
-                yield Wait(soon(LONG_S))
+                await wait(soon(LONG_S))
 
     def fail() -> None:
         raise MemoryError
@@ -506,9 +532,9 @@ def test_what_is_called_every_so_often_is_called_whatever_it_raised(
         calls.append(time.monotonic())
         raise ZeroDivisionError("injected")
 
-    def session() -> Steps[None]:
+    async def session() -> None:
         while len(calls) < 4:
-            yield Wait(soon(0.01))
+            await wait(soon(0.01))
 
     reactor = Reactor(report=report)
     reactor.add(session(), PairPort)
@@ -520,13 +546,28 @@ def test_what_is_called_every_so_often_is_called_whatever_it_raised(
     assert caplog.text.count("Traceback") == len(wants_traceback)
 
 
+def test_a_session_that_never_began_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    async def session() -> None:
+        await wait(0.0)
+
+    reactor, never_begun = Reactor(), session()
+    reactor.add(never_begun, PairPort)
+    monkeypatch.setattr(type(reactor.loop), "call_soon", full)
+    with pytest.raises(MemoryError):
+        reactor.run()
+    assert inspect.getcoroutinestate(never_begun) == inspect.CORO_CLOSED
+
+
 def test_ticks_of_many_sessions_ring_in_order() -> None:
     rung: list[tuple[float, float]] = []
 
-    def session(first: float) -> Steps[None]:
+    async def session(first: float) -> None:
         for step in range(20):
             due = first + 0.01 * step
-            rung.append((due, (yield Wait(due)).now))
+            rung.append((due, (await wait(due)).now))
 
     reactor, begin = Reactor(), soon(0.05)
     for number in range(50):
@@ -549,8 +590,8 @@ def test_the_end_is_told_before_ports_that_are_slow_to_close_are_waited_for() ->
     """A guard would take a recorder for hung that waits for them."""
     port, told = PairPort(close_s=0.5), []
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
 
     reactor = Reactor()
     reactor.add(session(), lambda: port)
@@ -562,8 +603,8 @@ def test_the_end_is_told_before_ports_that_are_slow_to_close_are_waited_for() ->
 def test_the_end_is_not_told_where_a_session_broke() -> None:
     told = []
 
-    def session() -> Steps[None]:
-        yield Reopen()
+    async def session() -> None:
+        await reopen()
         raise ValueError("a fault of the program")
 
     reactor = Reactor()

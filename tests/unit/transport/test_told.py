@@ -11,7 +11,20 @@ import pytest
 
 from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, RunEnded, Steps, Wait
+from jbclog.core.io_requests import (
+    Ask,
+    IoResult,
+    Listen,
+    Reopen,
+    Request,
+    RunEnded,
+    Steps,
+    Wait,
+    ask,
+    listen,
+    reopen,
+    wait,
+)
 from jbclog.transport.session_history import (
     Divergence,
     ReplayStep,
@@ -23,19 +36,19 @@ from jbclog.transport.session_history import (
 Story = list[object]
 
 
-def session(story: Story) -> Steps[str]:
+async def session(story: Story) -> str:
     """Opens, waits, asks, listens; keeps what it is told, and ends with the first thing that is
     thrown into it twice.
     """
-    story.append((yield Wait(1.0)))
-    story.append((yield Reopen()))
+    story.append(await wait(1.0))
+    story.append(await reopen())
     try:
-        story.append((yield Ask(b"first", 0.5)))
-        story.append((yield Listen(9.0)))
-        story.append((yield Ask(b"second", 0.5)))
+        story.append(await ask(b"first", 0.5))
+        story.append(await listen(9.0))
+        story.append(await ask(b"second", 0.5))
     except (LinkError, RunEnded) as error:
         story.append(str(error))
-        story.append((yield Wait(8.0)))
+        story.append(await wait(8.0))
     return "the end"
 
 
@@ -44,7 +57,7 @@ Answer = IoResult | Exception
 
 def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Request], object]:
     """Give these answers, one after the other; the wishes, and what came of the session."""
-    wishes = [next(steps)]
+    wishes = [steps.send(None)]
     for answer in answers:
         try:
             wishes.append(
@@ -72,7 +85,7 @@ def recording(answers: list[Answer]) -> tuple[list[CaptureRow], Story]:
     """The tape of a session that was answered so, and what it was told."""
     tape, story = list[CaptureRow](), list[object]()
     steps = captured(session(story), tape.append, lambda: 7.0)
-    next(steps)
+    steps.send(None)
     for place, answer in enumerate(answers):
         tape.extend(BYTES.get(place, []))
         with suppress(StopIteration):
@@ -133,15 +146,15 @@ def test_what_is_kept() -> None:
 
 
 def test_a_session_that_breaks_is_not_held() -> None:
-    def broken() -> Steps[None]:
-        yield Wait(0.0)
+    async def broken() -> None:
+        await wait(0.0)
         raise ZeroDivisionError
 
     for wrapped in (
         captured(broken(), print, lambda: 0.0),
         replayed(broken(), replay_steps(recording(GOOD)[0]), print),
     ):
-        next(wrapped)
+        wrapped.send(None)
         with pytest.raises(ZeroDivisionError):
             wrapped.send(IoResult(0.0, b"", 0.0))
 
@@ -162,11 +175,11 @@ def test_bytes_are_told_to_the_wish_that_took_them_and_those_of_a_closed_port_to
 # -- another program -------------------------------------------------------------------------------
 
 
-def another(story: Story) -> Steps[str]:
-    story.append((yield Wait(1.0)))
-    story.append((yield Reopen()))
-    story.append((yield Ask(b"something else", 0.5)))
-    story.append((yield Wait(99.0)))
+async def another(story: Story) -> str:
+    story.append(await wait(1.0))
+    story.append(await reopen())
+    story.append(await ask(b"something else", 0.5))
+    story.append(await wait(99.0))
     return "another end"
 
 

@@ -36,7 +36,7 @@
   }
 
   function addPoints(trace, points) {
-    if (points.begin) trace.seconds.length = trace.temperature.length = trace.power.length = 0;
+    if (points.whole) trace.seconds.length = trace.temperature.length = trace.power.length = 0;
     points.seconds.forEach((seconds, place) => {
       if (trace.seconds.length && seconds <= trace.seconds[trace.seconds.length - 1]) return; // it has this one
       trace.seconds.push(seconds);
@@ -72,7 +72,7 @@
     pen.stroke();
   }
 
-  const facts = (port) => `set ${port.set} · power ${port.power} · ${port.status}`;
+  const facts = (port) => `set ${port.setpoint} · power ${port.power} · ${port.status}`;
 
   function showPort(port) {
     const tile = tileOf(port.key);
@@ -93,7 +93,7 @@
     const least = SEVERITIES.indexOf(find("severity").value), list = find("events");
     const shown = last.events.filter((event) => SEVERITIES.indexOf(event.severity) >= least);
     const isAtEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 30;
-    const state = `${last.folder} ${least} ${shown.length ? shown[shown.length - 1].seq : ""} ${shown.length}`;
+    const state = `${last.run} ${least} ${shown.length ? shown[shown.length - 1].seq : ""} ${shown.length}`;
     if (list.dataset.state === state) return;
     list.dataset.state = state;
     list.replaceChildren();
@@ -126,9 +126,9 @@
     if (message.trouble) { nothingKnown(message.trouble, "NOT READABLE", "not readable"); return; }
     if (message.whole) delete find("events").dataset.state;
     if (message.whole) for (const tile of tiles.values()) tile.trace.seconds.length = tile.trace.temperature.length = tile.trace.power.length = 0;
-    if (last && last.folder !== message.folder) { hour = null; if (open) plot.whole(); find("span").value = "minute"; }
+    if (last && last.run !== message.run) { hour = null; if (open) plot.whole(); find("span").value = "minute"; }
     last = message;
-    put(find("run"), message.run);
+    put(find("run"), message.heading);
     put(find("status"), message.status || "");
     put(find("zone"), message.zone ? `times in ${message.zone}` : "");
     document.body.dataset.worst = message.worst || "stale";
@@ -172,9 +172,9 @@
       const item = make("li", list);
       if (run.report) {
         const link = make("a", item);
-        link.href = `runs/${encodeURIComponent(run.name)}`;
-        link.textContent = run.name;
-      } else item.append(run.name);
+        link.href = `runs/${encodeURIComponent(run.run)}`;
+        link.textContent = run.run;
+      } else item.append(run.run);
       item.append(` · ${run.text}${run.report ? "" : " · no report"}`);
     }
     if (!list.children.length) make("li", list).textContent = "no run";
@@ -242,7 +242,7 @@
     if (!tile || !tile.port) { find("detail").close(); return; }
     const { port } = tile, station = last.stations.find((one) => one.name === port.station) || { settings: [], counters: [] };
     put(find("detail-name"), port.name);
-    put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.set}`, `power ${port.power}`, port.joints_why || port.joints, ...port.wrong].join(" · "));
+    put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.setpoint}`, `power ${port.power}`, port.joints_why || port.joints, ...port.wrong].join(" · "));
     showTable(find("settings"), station.settings);
     showTable(find("counters"), station.counters);
     if (hour !== null && performance.now() - asked > HOUR_MS) showSpan();

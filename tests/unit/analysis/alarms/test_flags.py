@@ -12,7 +12,16 @@ def event(
 ) -> EventRow:
     text, times = kind, (round(at_s * 1e6), round(since_s * 1e6))
     return EventRow(
-        times[0], kind, Severity.INFO, text, "dde-1", 1, times[1], value=value, limit=380.0, raw=raw
+        times[0],
+        kind,
+        Severity.INFO,
+        text,
+        "dde-1",
+        1,
+        times[1],
+        value=value,
+        limit_value=380.0,
+        raw=raw,
     )
 
 

@@ -255,7 +255,9 @@ def test_an_alarm_may_begin_behind_rows_that_were_passed_by() -> None:
 def test_rows_in_which_nothing_happens_are_not_looked_at_one_by_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    series = hot().add(350, times=5000, set_c=350).add(40, "sleep", times=5000).add(350, times=5000)
+    series = (
+        hot().add(350, times=5000, setpoint_c=350).add(40, "sleep", times=5000).add(350, times=5000)
+    )
     series.add(None, None, times=5000).add(350, times=5000).add(390, times=10).add(350, times=5000)
     taken: list[int] = []
     row = PortWatch.row

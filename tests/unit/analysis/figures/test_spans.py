@@ -1,10 +1,10 @@
-"""Stretches of time: status, missing data, skipped ticks."""
+"""Stretches of time: states, and what is too short to be seen."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from jbclog.analysis.figures.curves import Span, merged, missing_ticks, runs, widened
+from jbclog.analysis.figures.curves import Span, merged, runs, widened
 
 
 def test_runs_of_the_same_word() -> None:
@@ -30,10 +30,6 @@ def test_a_missing_tick_ends_a_run() -> None:
 def test_nothing_has_no_runs() -> None:
     assert runs(np.empty(0), [], 0.1) == []
     assert runs(np.array([1.0]), [None], 0.1) == []
-
-
-def test_ticks_without_rows_were_skipped() -> None:
-    assert missing_ticks(np.array([0.0, 1.0, 5.0, 6.0]), 1.0) == [Span(2.0, 5.0, "skipped")]
 
 
 def test_spans_too_close_to_be_told_apart_are_one() -> None:

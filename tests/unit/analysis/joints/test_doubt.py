@@ -26,6 +26,7 @@ from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
 from jbclog.analysis.run_metrics import MeasuredPort
 from jbclog.core.rows import StationFacts
+from jbclog.record.manifest import Manifest
 from support.plants import joint_matrix
 from support.plants.joint_matrix import Cell
 from support.plants.scripted_tip import soldered
@@ -103,13 +104,13 @@ def test_listed_joints_have_no_dwell_where_their_number_is_not_known(
     for series, is_known in ((clear, True), (faint, False)):
         measured = measure_port(series, "tip")
         edges_us = np.zeros(2 * len(measured.joints), dtype=np.int64)
-        table = MeasuredPort(facts, 1, measured, edges_us).joint_table()
+        table = MeasuredPort(facts, 1, measured, edges_us).joint_table(Manifest("run"))
         assert len(table)
         assert table["dwell_s"].null_count == (0 if is_known else len(table))
         if not is_known:
             assert table["why"].null_count == 0
             assert any("were found as limits" in text for text in table["why"].to_pylist())
-        assert table["end_s"].null_count == 0
+        assert table["stop_s"].null_count == 0
 
 
 def test_a_gap_takes_dwell_and_share_with_the_number(clear: Series) -> None:
@@ -133,7 +134,7 @@ def test_a_gap_takes_dwell_and_share_with_the_number(clear: Series) -> None:
             assert "no reading for 1.0 s" in str(by_name[name].why), name
         assert by_name["joint_depth_c"].value is not None
         edges_us = np.zeros(2 * len(measured.joints), dtype=np.int64)
-        table = MeasuredPort(facts, 1, measured, edges_us).joint_table()
+        table = MeasuredPort(facts, 1, measured, edges_us).joint_table(Manifest("run"))
         assert table["dwell_s"].null_count == len(table) == 20
         assert table["why"].null_count == 0
         assert any("no reading for 1.0 s" in text for text in table["why"].to_pylist())

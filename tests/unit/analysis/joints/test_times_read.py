@@ -16,7 +16,7 @@ from jbclog.analysis.joints.port_rows import Clock
 from jbclog.analysis.joints.series import Series, stretches
 from jbclog.analysis.joints.windows import whole
 from jbclog.analysis.metrics.measures import measure_port
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.port_data import Floats
 from support.plants import joint_matrix, scripted_tip
 from support.records import second_port
 

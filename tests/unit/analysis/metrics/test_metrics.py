@@ -14,8 +14,7 @@ from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
-from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.metrics.measures import measure_port
+from jbclog.analysis.metrics.measures import METRICS, measure_port
 from support.records.made_series import Floats, joints_at, line, lose, made, rest, steps
 
 
@@ -36,7 +35,7 @@ def test_every_metric_is_told_in_the_order_of_its_definition_with_a_value_or_a_r
 ) -> None:
     found = measure_port(made(60), kind).figures
     assert [(figure.name, figure.unit) for figure in found] == [
-        (one.name, one.unit) for one in DEFINITIONS
+        (one.name, one.unit) for one in METRICS.values()
     ]
     assert all((figure.value is None) == bool(figure.why) for figure in found)
 

@@ -15,6 +15,7 @@ import pytest
 
 from jbclog.analysis.verdict import Evidence, Targets
 from jbclog.core.rows import StationFacts
+from jbclog.record.schema import SCHEMAS, SEQ
 
 UTC_US = 1_790_000_000_000_000
 STAMP = pa.timestamp("us", tz="UTC")
@@ -64,10 +65,30 @@ class Tip:
             else "timeout"
         )
 
+    def reasons(self, row: int) -> str | None:
+        quality = self.quality(row)
+        return None if quality == "ok" else f"temperature_c={quality};power_permille={quality}"
+
     def at(self, start_s: float, seconds: float, temperature: int, power: int) -> Tip:
         for i in range(round(start_s * self.hz), round((start_s + seconds) * self.hz)):
             self.temperature[i], self.power[i] = temperature, power
         return self
+
+
+def complete(rows: pa.Table, name: str) -> pa.Table:
+    """Return the rows with all columns of a table, empty where nothing was given."""
+    columns = []
+    for entry in SCHEMAS[name]:
+        if entry.name in rows.column_names and (entry.nullable or not rows[entry.name].null_count):
+            column = rows[entry.name]
+        elif entry.nullable:
+            column = pa.nulls(len(rows), entry.type)
+        elif entry.name == SEQ:
+            column = pa.array(range(len(rows)))
+        else:
+            column = pa.array([0] * len(rows))
+        columns.append(column.cast(entry.type))
+    return pa.table(columns, schema=SCHEMAS[name])
 
 
 class Case:
@@ -126,6 +147,9 @@ class Case:
                 "tick": pa.array(ticks, pa.int64()),
                 "station": pa.array([name for _, name, _, _ in rows]).dictionary_encode(),
                 "quality": pa.array([tip.quality(i) for i, _, _, tip in rows]).dictionary_encode(),
+                "reasons": (
+                    pa.array([tip.reasons(i) for i, _, _, tip in rows], pa.string())
+                ).dictionary_encode(),
                 "port": pa.array([port for _, _, port, _ in rows], pa.int64()),
                 "temperature_c": pa.array(
                     [tip.temperature[i] for i, _, _, tip in rows], pa.int64()
@@ -137,7 +161,7 @@ class Case:
                     ).dictionary_encode()
                 ),
                 "cooling": pa.array([tip.extractor for *_, tip in rows], pa.bool_()),
-                "set_c": pa.array([tip.setting[i] for i, _, _, tip in rows], pa.int64()),
+                "setpoint_c": pa.array([tip.setting[i] for i, _, _, tip in rows], pa.int64()),
                 "tool": pa.array([tip.tool[i] for i, _, _, tip in rows], pa.int64()),
                 "port_error": pa.array([tip.port_error[i] for i, _, _, tip in rows], pa.int64()),
             }
@@ -186,6 +210,7 @@ class Case:
 
     def _write(self, name: str, table: pa.Table, part: int = 0) -> None:
         (self.folder / name).mkdir(exist_ok=True)
+        table = complete(table, name)
         pq.write_table(table, self.folder / name / f"part-{part:04d}.parquet")
 
     def evidence(self) -> Evidence:

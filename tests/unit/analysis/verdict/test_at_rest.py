@@ -4,14 +4,13 @@ slowly, and with breaks.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict import idle
-from jbclog.analysis.verdict.idle import KEPT, Block, Flags, Floats, idle_readings
+from jbclog.analysis.port_data import Floats
+from jbclog.analysis.verdict.idle import Block, idle_readings
 from support.plants import second_plant as plant
 from support.plants.second_plant import BOARD_C, Contact, Script, Trial, Truth, plants_of, simulate
 
@@ -54,13 +53,20 @@ def trials(dwell_s: float, pause_s: float, break_s: float, hz: float) -> list[Tr
 
 
 def readings(trial: Trial, hz: float) -> Floats:
-    block = Block(trial.seconds, trial.temperature, trial.power, trial.setting, trial.working)
-    return idle_readings(block, 1 / hz)[1]
+    return idle_readings(block_of(trial), 1 / hz)[1]
+
+
+def moments(trial: Trial, hz: float) -> Floats:
+    return idle_readings(block_of(trial), 1 / hz)[0]
+
+
+def block_of(trial: Trial) -> Block:
+    return Block(trial.seconds, trial.temperature, trial.power, trial.setting, trial.working)
 
 
 BUSY = [(0.8, 1.0), (2.0, 1.2), (1.0, 3.0)]
-WITH_REST = [(1.0, 12.0, 0.0), (1.0, 30.0, 0.0), (0.8, 1.0, 30.0)]
-HARDLY = (1.0, 7.0, 0.0)
+WITH_REST = [(1.0, 30.0, 0.0), (0.8, 1.0, 30.0)]
+HARDLY = (1.0, 12.0, 0.0)
 WORK = [*((dwell_s, pause_s, 0.0) for dwell_s, pause_s in BUSY), *WITH_REST, HARDLY]
 rates = pytest.mark.parametrize("hz", [10.0, 2.0])
 
@@ -70,9 +76,9 @@ rates = pytest.mark.parametrize("hz", [10.0, 2.0])
 def test_a_line_that_never_rests_has_no_idle_error(
     dwell_s: float, pause_s: float, hz: float
 ) -> None:
-    assert [len(readings(trial, hz)) for trial in trials(dwell_s, pause_s, 0.0, hz)] == [0] * len(
-        SEEDS
-    )
+    """It rests only before its first joint."""
+    for trial in trials(dwell_s, pause_s, 0.0, hz):
+        assert moments(trial, hz).max() <= FIRST_S
 
 
 @rates
@@ -88,8 +94,8 @@ def test_where_it_rests_the_error_is_that_of_the_rest(
 
 
 @rates
-def test_joints_that_leave_hardly_time_to_recover_give_the_true_error_or_none(hz: float) -> None:
-    """Eight seconds from joint to joint: some of these tips are back for a moment, some not."""
+def test_pauses_that_are_hardly_long_enough_give_the_true_error_or_none(hz: float) -> None:
+    """Two seconds of each pause are rest."""
     for trial in trials(*HARDLY, hz):
         found = readings(trial, hz)
         assert not len(found) or abs(found.mean()) < 0.35
@@ -117,41 +123,15 @@ def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
     assert abs(found.mean()) < 0.3
 
 
-def test_while_they_are_kept_the_rows_of_a_block_are_found_once_for_two_who_ask(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """For a block that differs in anything they are found anew, and so for a third who asks."""
-    searched, find = list[Block](), idle._idle_rows
-
-    def noted(block: Block, setting: Floats, period_s: float) -> Flags:
-        searched.append(block)
-        return find(block, setting, period_s)
-
-    monkeypatch.setattr(idle, "_idle_rows", noted)
-    block = swinging()
-    known = [one.tolist() for one in idle_readings(block, 0.1)]
-    assert len(known[0]) > 4500
-    others = [
-        replace(block, **{name: getattr(block, name) + np.arange(6000) // 5999})
-        for name in ("seconds", "temperature", "power", "setting")
-    ]
-    others += [
-        replace(block, working=~block.working),
-        replace(block, tool=np.full(6000, 2.0), port_error=np.full(6000, 0.0)),
-    ]
-    with KEPT.while_in_use():
-        searched.clear()
-        for one in (block, *others):
-            idle_readings(one, 0.1)
-        idle_readings(block, 0.2)
-        assert len(searched) == len(others) + 2
-        again = idle_readings(replace(block, power=block.power.copy()), 0.1)
-        assert [one.tolist() for one in again] == known
-        assert len(searched) == len(others) + 2
-        idle_readings(block, 0.1)
-        assert len(searched) == len(others) + 3
-    idle_readings(block, 0.1)
-    assert len(searched) == len(others) + 4
+def test_rest_begins_ten_seconds_after_a_draw_and_ends_before_the_next() -> None:
+    at = np.arange(600) / 10
+    power = np.full(600, 100.0)
+    power[200:220] = 600.0
+    power[450:460] = 600.0
+    setting, working = np.full(600, 350.0), np.ones(600, dtype=np.bool_)
+    seconds = idle_readings(Block(at, setting, power, setting, working), 0.1)[0]
+    expected = [*range(20, 198), *range(319, 448), *range(559, 600)]
+    assert np.rint(10 * seconds).astype(int).tolist() == expected
 
 
 def test_power_that_is_all_there_is_is_no_rest() -> None:

@@ -108,8 +108,8 @@ def test_a_gap_that_the_computer_made_is_no_reject(case: Any, tip: Callable[...,
     assert seen.result is Result.MISSING
     assert (
         seen.text
-        == "Longest gap in temperature 4.5 s, allowed 3 s. The recorder was too late for some"
-        " readings (busy or stopped); without these it is 0.5 s."
+        == "Longest gap in temperature 4.6 s, allowed 3 s and a period of 0.1 s. The recorder was"
+        " too late for some readings (busy or stopped); without these it is 0.6 s."
     )
     assert rule(case, "longest_gap", Acceptance(longest_gap_s=0.4)).result is Result.FAIL
 
@@ -121,8 +121,8 @@ def test_nor_one_in_which_it_stood_still_and_left_no_rows(
     case.seal([("a", 1, tip(30).lose(0, 1))], first_tick=380)
     facts.skipped, facts.last_tick = 80, 679
     seen = rule(case, "longest_gap", Acceptance(longest_gap_s=5))
-    assert (seen.result, seen.observed) == (Result.MISSING, 9)
-    assert "without these it is 1 s" in seen.text
+    assert (seen.result, seen.observed) == (Result.MISSING, 9.1)
+    assert "without these it is 1.1 s" in seen.text
     facts.skipped = 0  # nobody stood still: rows are missing
     assert rule(case, "longest_gap", Acceptance(longest_gap_s=5)).result is Result.FAIL
 

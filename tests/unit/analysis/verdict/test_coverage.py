@@ -1,9 +1,9 @@
-"""How often the bounds of the idle error and of its spread hold, by simulation, and how often they
-are given.
+"""How often the bounds of the idle error and of its spread hold, by simulation.
 
-The correlation times 0.5, 3 and 20 s and the rates 10, 5 and 1 Hz were tuned on, with other seeds;
-all others were not. The figures that have to be reached are for first-order autoregressive courses
-in whole degrees; `OTHERS` are tried against what they reach.
+The number of cosines was chosen on first-order autoregressive readings at 1 Hz (`TUNED`). What is
+required is measured on others: an Ornstein-Uhlenbeck process, exact between its readings, in whole
+degrees, with other seeds and rates, up to a correlation time of a fifteenth of the rest (`SHARES`);
+further courses and slower drifts are reported (`OTHERS`).
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ from support.plants.idle_courses import (
     told,
 )
 
-LENGTHS_S = (30, 45, 60, 120, 300, 900)
-RATES = (10.0, 5.0, 2.0, 1.0)
-TO_HOLD = {0.5: 0.93, 3.0: 0.90, 20.0: 0.88, 0.2: 0.93, 1.5: 0.90, 8.0: 0.88, 12.0: 0.88}
-"""Correlation time in s -> the least share of bounds that hold."""
-MOST_UNKNOWN = 0.05
+LENGTHS_S = (300, 600, 900, 1800, 3600)
+SHARES = (1 / 15, 1 / 30, 1 / 100)
+"""Correlation times, as shares of the rest."""
+LEAST_MEAN = 0.88
+LEAST_SD = 0.84
+"""Shares of bounds that hold at least, whatever the correlation time in `SHARES`."""
 MEAN_C, MARGIN_C = 0.3, 2.0
 Counted = Callable[..., None]
 
@@ -93,27 +94,25 @@ def slack(share: float, times: int) -> float:
     return float(2.5 * np.sqrt(share * (1 - share) / times))
 
 
-@pytest.mark.parametrize(
-    ("tau_s", "seconds", "hz"),
-    [(0.5, 60, 10.0), (3.0, 30, 2.0), (20.0, 60, 10.0), (20.0, 300, 1.0)],
-)
-def test_bounds_hold_as_often_as_they_say(tau_s: float, seconds: float, hz: float) -> None:
-    times = 120
-    found, least = tried(slow(tau_s), seconds, hz, times, 11), TO_HOLD[tau_s]
+@pytest.mark.parametrize("seconds", [300, 900])
+@pytest.mark.parametrize("share", SHARES)
+def test_bounds_hold_as_often_as_they_say(share: float, seconds: float) -> None:
+    times = 300
+    found = tried(slow(share * seconds), seconds, 2.0, times, 11)
     assert found.given == times
-    assert found.mean / times >= least - slack(least, times)
-    assert found.sd / times >= least - slack(least, times)
+    assert found.mean / times >= LEAST_MEAN - slack(LEAST_MEAN, times)
+    assert found.sd / times >= LEAST_SD - slack(LEAST_SD, times)
 
 
 def test_batch_means_would_not_have_held() -> None:
-    """The test can tell: by batch means half of these bounds do not hold."""
+    """The test can tell: by batch means a fifth of these bounds does not hold."""
     held = 0
     for one in range(60):
         rng = np.random.default_rng([12, one])
-        idle = idle_of(told(rng, slow(20.0)(rng, 60, 10.0), MEAN_C, 2.0), 10.0)
+        idle = idle_of(told(rng, slow(40.0)(rng, 600, 2.0), MEAN_C, 2.0), 2.0)
         earlier = by_batch_means(idle.cells.in_order())
         held += earlier[0] <= MEAN_C <= earlier[1]
-    assert held < 36
+    assert held < 51
 
 
 def by_batch_means(sums: tuple[Floats, Floats, Floats]) -> tuple[float, float]:
@@ -152,42 +151,41 @@ def test_tips_that_are_a_margin_apart_are_rarely_called_the_same() -> None:
 
 # -- the campaign ----------------------------------------------------------------------------------
 
-OTHERS: dict[str, tuple[Course, tuple[float, float], float]] = {
-    "τ 3 s + noise": (noisy(3.0), (0, 0), 0.90),
-    "τ 12 s + noise": (noisy(12.0), (0, 0), 0.85),
-    "τ 20 s + noise": (noisy(20.0), (0, 0), 0.80),
-    # the standard deviation, of 30 s; its mean holds
-    "ringing 2 s, τ 6 s": (ringing(2.0, 6.0), (0, 0), 0.80),
-    "ringing 8 s, τ 10 s": (ringing(8.0, 10.0), (0, 0), 0.88),
-    "τ 3 s, pieces of 6 s": (in_pieces(slow(3.0), 6.0, 4.0), (6.0, 4.0), 0.90),
-    "τ 20 s, pieces of 6 s": (in_pieces(slow(20.0), 6.0, 4.0), (6.0, 4.0), 0.88),
+OTHERS: dict[str, tuple[Course, tuple[float, float]]] = {
+    "τ 3 s + noise": (noisy(3.0), (0, 0)),
+    "τ 20 s + noise": (noisy(20.0), (0, 0)),
+    "ringing 2 s, τ 6 s": (ringing(2.0, 6.0), (0, 0)),
+    "ringing 8 s, τ 10 s": (ringing(8.0, 10.0), (0, 0)),
+    "τ 3 s, pieces of 6 s": (in_pieces(slow(3.0), 6.0, 14.0), (6.0, 14.0)),
+    "τ 20 s, pieces of 6 s": (in_pieces(slow(20.0), 6.0, 14.0), (6.0, 14.0)),
 }
+DRIFTS_S = (60.0, 120.0, 300.0, 900.0)
 
 
-def is_missed(found: Tried, least: float, times: int, counted: Counted) -> bool:
+def is_missed(found: Tried, times: int, counted: Counted) -> bool:
     """Count it; whether fewer bounds hold than have to."""
     counted(courses=found.courses, bounds_given=found.given, mean_outside=found.given - found.mean)
-    return min(found.mean, found.sd) < (least - slack(least, times)) * found.given
+    return (
+        found.mean < (LEAST_MEAN - slack(LEAST_MEAN, times)) * found.given
+        or found.sd < (LEAST_SD - slack(LEAST_SD, times)) * found.given
+    )
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("tau_s", sorted(TO_HOLD))
+@pytest.mark.parametrize("share", SHARES)
 def test_bounds_hold_at_every_length_and_rate(
-    tau_s: float, counted: Counted, capsys: pytest.CaptureFixture[str]
+    share: float, counted: Counted, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    times, lines, missed = 200, [], []
+    times, lines, missed = 400, [], []
     for seconds in LENGTHS_S:
         row = []
-        for hz in RATES:
-            found, least = tried(slow(tau_s), seconds, hz, times, 31), TO_HOLD[tau_s]
+        for hz in (10.0, 1.0):
+            found = tried(slow(share * seconds), seconds, hz, times, 31)
             row.append(f"{hz:g} Hz {found}")
-            if is_missed(found, least, times, counted):
+            if is_missed(found, times, counted) or found.given < times:
                 missed.append((seconds, hz, str(found)))
-            if (seconds >= 900 and tau_s <= 3.0 and found.given < (1 - MOST_UNKNOWN) * times) or (
-                seconds >= 20 * tau_s and found.given < 0.8 * times
-            ):
-                missed.append((seconds, hz, "not given"))
-        lines.append(f"τ {tau_s:4g} s, {seconds:4d} s: mean sd not-known: " + " | ".join(row))
+        tau_s = share * seconds
+        lines.append(f"τ {tau_s:.3g} s, {seconds:4d} s: mean sd not-known: " + " | ".join(row))
     with capsys.disabled():
         print("", *lines, sep="\n")
     assert missed == []
@@ -198,19 +196,33 @@ def test_bounds_hold_at_every_length_and_rate(
 def test_bounds_hold_for_other_courses(
     name: str, counted: Counted, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    course, pieces, least = OTHERS[name]
+    course, pieces = OTHERS[name]
     times, lines, missed = 150, [], []
     for seconds in LENGTHS_S:
-        row = []
-        for hz in (10.0, 2.0):
-            found = tried(course, seconds, hz, times, 32, pieces)
-            row.append(f"{hz:g} Hz {found}")
-            if is_missed(found, least, times, counted):
-                missed.append((seconds, hz, str(found)))
-        lines.append(f"{name}, {seconds:4d} s: mean sd not-known: " + " | ".join(row))
+        found = tried(course, seconds, 2.0, times, 32, pieces)
+        lines.append(f"{name}, {seconds:4d} s: mean sd not-known: {found}")
+        if is_missed(found, times, counted):
+            missed.append((seconds, str(found)))
     with capsys.disabled():
         print("", *lines, sep="\n")
     assert missed == []
+
+
+@pytest.mark.campaign
+def test_how_often_bounds_hold_with_slower_drifts(
+    counted: Counted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Reported only: nothing is promised of them."""
+    times, lines = 200, []
+    for tau_s in DRIFTS_S:
+        row = []
+        for seconds in LENGTHS_S:
+            found = tried(slow(tau_s), seconds, 1.0, times, 33)
+            is_missed(found, times, counted)
+            row.append(f"{seconds} s {found}")
+        lines.append(f"τ {tau_s:g} s: mean sd not-known: " + " | ".join(row))
+    with capsys.disabled():
+        print("", *lines, sep="\n")
 
 
 @pytest.mark.campaign

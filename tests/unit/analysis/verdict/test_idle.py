@@ -8,14 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from jbclog.analysis.port_data import SETTING_HOLDS_S, setting_in_force
 from jbclog.analysis.verdict import judge
-from jbclog.analysis.verdict.idle import (
-    SETTING_HOLDS_S,
-    Block,
-    IdleError,
-    by_block,
-    setting_in_force,
-)
+from jbclog.analysis.verdict.idle import Block, IdleError, by_block
 from jbclog.analysis.verdict.reached import Heat
 from jbclog.analysis.verdict.samples import measure
 from jbclog.config.recipe_sections import Acceptance
@@ -38,7 +33,7 @@ def test_mean_and_deviation_of_a_quiet_tip(case: Any, tip: Callable[..., Any]) -
 
 def test_joints_and_their_recovery_are_left_out(case: Any, tip: Callable[..., Any]) -> None:
     one = tip(120)
-    for start in range(10, 120, 10):
+    for start in range(10, 120, 20):
         one.at(start, 1.5, 320, 700).at(start + 1.5, 1.5, 340, 300).at(start + 3, 0.8, 356, 0)
     case.station("a", one)
     found = idle(case)

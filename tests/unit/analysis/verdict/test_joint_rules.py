@@ -71,7 +71,12 @@ def test_recovery_is_judged_by_its_figure_and_kept_by_its_bound(
 ) -> None:
     judgement = judged(case, tip, RECOVERY, PortJoints(mixed(recoveries)))
     rule = the_rule(judgement)
-    assert (rule.result, judgement.verdict, rule.limit, rule.unit) == (result, verdict, 2.5, "s")
+    assert (rule.result, judgement.verdict, rule.limit_value, rule.uom) == (
+        result,
+        verdict,
+        2.5,
+        "s",
+    )
     assert (rule.observed is None) == (not [value for value in recoveries if value is not None])
     assert rule.bound is not None or result != "pass"
 
@@ -146,7 +151,7 @@ def test_joints_in_gaps_may_be_anything(
         )
     )
     assert rule.result == result
-    assert (f"Joints in gaps ({3.0 * hidden:.1f} s) are not known." in rule.text) == (
+    assert (f"Joints in {3.0 * hidden:.1f} s of work that was not read" in rule.text) == (
         bool(hidden) and result == "missing"
     )
 
@@ -188,7 +193,7 @@ def test_joints_against_the_counter(
 ) -> None:
     judgement = judged(case, tip, COUNTER, PortJoints((), feeds))
     rule = the_rule(judgement)
-    assert (rule.result, judgement.verdict, rule.limit, rule.unit) == (result, verdict, 2, "%")
+    assert (rule.result, judgement.verdict, rule.limit_value, rule.uom) == (result, verdict, 2, "%")
     if feeds is not None and feeds.counted:
         assert rule.observed == feeds.found - feeds.counted
     if feeds is not None and feeds.why:

@@ -88,7 +88,12 @@ def test_one_that_arrives_is_accepted_and_says_when(case: Any, tip: Callable[...
     case.station("a", heating(tip, 60, 20.0))
     case.ask("a", "working", 1)
     rule = reached(case)
-    assert (rule.result, rule.limit, rule.observed, rule.unit) == (Result.PASS, 80.0, 100.0, "%")
+    assert (rule.result, rule.limit_value, rule.observed, rule.uom) == (
+        Result.PASS,
+        80.0,
+        100.0,
+        "%",
+    )
     assert (
         rule.text
         == "Reached 350 °C after 15.9 s; at work for 100 % of the time since, required 80 %."

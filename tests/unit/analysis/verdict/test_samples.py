@@ -27,17 +27,40 @@ def test_no_gap_is_zero(case: Any, tip: Callable[..., Any]) -> None:
     assert gap(case) == 0
 
 
-@pytest.mark.parametrize("start", [0, 20, 57])
+@pytest.mark.parametrize(("start", "seconds"), [(0, 3), (20, 3.1), (57, 3)])
 def test_a_gap_counts_at_the_beginning_in_the_middle_and_at_the_end(
-    case: Any, tip: Callable[..., Any], start: float
+    case: Any, tip: Callable[..., Any], start: float, seconds: float
 ) -> None:
     case.station("a", tip().lose(start, 3))
-    assert gap(case) == 3
+    assert gap(case) == seconds
 
 
-def test_one_lost_reading_is_one_period(case: Any, tip: Callable[..., Any]) -> None:
+def test_one_lost_reading_is_a_gap_of_two_periods(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip().lose(20, 0.1))
-    assert gap(case) == 0.1
+    assert gap(case) == 0.2
+
+
+@pytest.mark.parametrize(
+    ("most", "result"), [(2.9, "fail"), (3, "pass"), (3.05, "pass"), (0, "fail")]
+)
+@pytest.mark.parametrize("start", [0, 20, 57])
+def test_a_gap_may_be_longer_than_its_limit_by_a_period(
+    case: Any, tip: Callable[..., Any], start: float, most: float, result: str
+) -> None:
+    """Thirty readings are missing, and two of them are 3.1 s apart."""
+    case.station("a", tip().lose(start, 3))
+    judged = judge(case.evidence(), {"a": Acceptance(longest_gap_s=most)})
+    (rule,) = [one for one in judged.rules if one.name == "longest_gap"]
+    assert rule.result == result
+    assert f"allowed {most:g} s and a period of 0.1 s." in rule.text
+
+
+def test_a_limit_of_zero_is_kept_by_a_port_without_a_gap(
+    case: Any, tip: Callable[..., Any]
+) -> None:
+    case.station("a", tip())
+    judged = judge(case.evidence(), {"a": Acceptance(longest_gap_s=0)})
+    assert [one.result for one in judged.rules if one.name == "longest_gap"] == ["pass"]
 
 
 def coverage_of(case: Any, percent: float) -> Rule:
@@ -65,16 +88,15 @@ def test_a_gap_between_two_parts_and_in_interleaved_rows(
     case.seal([("a", 1, tip()), ("a", 2, tip().lose(0, 2))], first_tick=600)
     facts.last_tick = 1199
     assert gap(case, 1) == 0
-    assert gap(case, 2) == 7
+    assert gap(case, 2) == 7.1
 
 
-def test_small_batches_measure_the_same(
-    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_small_row_groups_measure_the_same(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip(1300).lose(601, 4).at(30, 2, 320, 700), tip(1300).lose(3, 9))
     facts = {one.name: one for one in case.stations}
     whole = measure(case.folder, facts)
-    monkeypatch.setattr("jbclog.analysis.verdict.samples.BATCH_ROWS", 97)
+    path = case.folder / "samples" / "part-0000.parquet"
+    pq.write_table(pq.read_table(path), path, row_group_size=97)
     pieces = measure(case.folder, facts)
     for port in (1, 2):
         assert pieces["a", port].gap_s == whole["a", port].gap_s
@@ -112,19 +134,17 @@ def test_coverage_is_never_rounded_up_to_its_limit(
     assert shown in coverage.text
 
 
-@pytest.mark.parametrize("batch", [16_384, 97])
+@pytest.mark.parametrize("rows_a_group", [16_384, 97])
 @pytest.mark.parametrize("sizes", [(3600.0,), (-3600.0,), (3600.0, -7200.0), (-0.8, 30.0), (2.0,)])
 def test_without_a_grid_a_stepped_clock_is_no_gap(
     case: Any,
     tip: Callable[..., Any],
-    monkeypatch: pytest.MonkeyPatch,
     sizes: tuple[float, ...],
-    batch: int,
+    rows_a_group: int,
 ) -> None:
     """Steps at 20 s and 40 s; at 30 s half a second is lost, which is a gap of 0.6 s between two
     readings.
     """
-    monkeypatch.setattr("jbclog.analysis.verdict.samples.BATCH_ROWS", batch)
     facts = case.station("a", tip().lose(30, 0.5), tip().lose(30, 0.5))
     facts.period_s = None
     path = case.folder / "samples" / "part-0000.parquet"
@@ -137,7 +157,9 @@ def test_without_a_grid_a_stepped_clock_is_no_gap(
         times[place:] += round(size * 1e6)
         told = zero + round((second + 0.03) * 1e6) + sum_us
         case.event("clock.step", "warning", time=told, value=size)
-    pq.write_table(table.set_column(0, "time", pa.array(times, pa.timestamp("us", tz="UTC"))), path)
+    place = table.schema.get_field_index("time")
+    stepped = table.set_column(place, table.field(place), pa.array(times, table["time"].type))
+    pq.write_table(stepped, path, row_group_size=rows_a_group)
     assert gap(case) == pytest.approx(0.6)
     assert gap(case, 2) == pytest.approx(0.6)
 

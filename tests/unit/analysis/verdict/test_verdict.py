@@ -8,6 +8,7 @@ import sys
 import zoneinfo
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,13 @@ from jbclog.analysis.verdict.verdict import verdict_of
 from jbclog.config.recipe_sections import Acceptance
 
 ALL = Acceptance(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
+SECONDS = 303.0
+
+
+@pytest.fixture
+def tip(tip: Callable[..., Any]) -> Callable[..., Any]:
+    """One that rests long enough for a bound of its idle error."""
+    return partial(tip, SECONDS)
 
 
 def rule(judgement: Any, name: str, port: int | None = 1) -> Rule:
@@ -51,11 +59,11 @@ def test_a_clean_run_is_accepted_and_every_rule_is_written_down(
         "name": "coverage",
         "station": "a",
         "port": 1,
-        "limit": 99.5,
+        "limit_value": 99.5,
         "observed": 100.0,
-        "unit": "%",
+        "uom": "%",
         "result": "pass",
-        "text": "Tip temperature coverage 100 % (600 of 600), required 99.5 %.",
+        "text": "Tip temperature coverage 100 % (3030 of 3030), required 99.5 %.",
         "bound": None,
     }
 
@@ -78,7 +86,7 @@ def test_a_broken_limit_rejects_and_outweighs_missing_evidence(
     judgement = judge(case.evidence(), {"a": ALL})
     assert judgement.verdict == "REJECT"
     assert rule(judgement, "coverage").result is Result.FAIL
-    assert rule(judgement, "longest_gap").observed == 6
+    assert rule(judgement, "longest_gap").observed == 6.1
     assert rule(judgement, "record", None).result is Result.MISSING
 
 
@@ -237,8 +245,8 @@ def test_samples_that_disagree_with_the_ledger_are_no_evidence(
     case.ledger["a"]["1"]["temperature_c"]["ok"] -= 1
     found = rule(judge(case.evidence(), {"a": ALL}), "coverage")
     assert found.result is Result.MISSING
-    assert "599" in found.text
-    assert "600" in found.text
+    assert "3029" in found.text
+    assert "3030" in found.text
 
 
 def test_counted_alarms(case: Any, tip: Callable[..., Any]) -> None:
@@ -369,7 +377,7 @@ def test_a_computer_without_time_zones_judges_too(
 
 
 def test_a_port_without_a_tool_is_named_and_not_judged(case: Any, tip: Callable[..., Any]) -> None:
-    facts = case.station("a", tip(), tip().lose(0, 60))
+    facts = case.station("a", tip(), tip().lose(0, SECONDS))
     facts.touched = [1]
     case.ledger["a"]["2"] = {"temperature_c": {"due": 600, "ok": 0, "no_tool": 600}}
     judgement = judge(case.evidence(), {"a": ALL})

@@ -54,7 +54,12 @@ def test_only_one_that_passed_lately_is_good_enough(
     case.station("a", tip())
     judgement = judge(replace(case.evidence(), verifications=checks), {"a": DAYS})
     (rule,) = [one for one in judgement.rules if one.name == "verification"]
-    assert (rule.result, judgement.verdict, rule.limit, rule.unit) == (result, verdict, 30, "d")
+    assert (rule.result, judgement.verdict, rule.limit_value, rule.uom) == (
+        result,
+        verdict,
+        30,
+        "d",
+    )
     assert rule.text.endswith(".")
 
 

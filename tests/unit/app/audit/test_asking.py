@@ -36,7 +36,7 @@ def test_everything_of_a_station_is_seen(bench: MakeBench, see: See) -> None:
         812.0,
         99.0,
     ]
-    assert seen.tools == {1: "T245/T470/TR245/TR470", 2: "T245/T470/TR245/TR470"}
+    assert seen.tool_names == {1: "T245/T470/TR245/TR470", 2: "T245/T470/TR245/TR470"}
     assert (
         seen.parameters["2.sleep_delay"],
         seen.parameters["1.adjust"],

@@ -4,7 +4,6 @@ verified count as done.
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -16,21 +15,22 @@ from pyarrow import ArrowException
 
 from jbclog.app.audit import records
 from jbclog.app.audit.records import LAG, PastRuns, past_runs
+from jbclog.core.errors import RecordError
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Errors, Observation
 from jbclog.maintenance.station_errors import counted_until
 from jbclog.record.conclude import conclude
-from jbclog.record.live import LiveStore
 from jbclog.record.manifest import (
     LineFile,
     Manifest,
     write_manifest,
 )
-from jbclog.record.seal import seal_rows
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.seal import seal_journal
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)
 FACTS = [
-    StationFacts(name, f"/dev/{name}", "dde", "DDE", "1", ports=[1], tools={})
+    StationFacts(name, f"/dev/{name}", "dde", "DDE", "1", ports=[1], tool_names={})
     for name in ("dde-1", "dde-2")
 ]
 PLACE = ("hall", "dde-1")
@@ -47,7 +47,7 @@ class Recorded:
 
     folder: Path
     manifest: Manifest
-    store: LiveStore
+    store: RunJournal
 
     def say(
         self,
@@ -69,8 +69,8 @@ class Recorded:
     def end(self, hours: float) -> None:
         """It ends, and is sealed."""
         self.store.close()
-        self.manifest.ended, self.manifest.exit_status = iso(hours), "success"
-        seal_rows(self.folder)
+        self.manifest.stop, self.manifest.exit_status = iso(hours), "success"
+        seal_journal(self.folder)
         conclude(self.folder, self.manifest, self.store.lock)
         GO_ON.remove(self)
 
@@ -92,10 +92,10 @@ def run(out: Path, begin: float, line: str = "hall") -> Recorded:
     folder = out / f"{(NOW + timedelta(hours=begin)).strftime('%Y%m%dT%H%M%SZ')}-{line}-abcd"
     folder.mkdir(parents=True)
     manifest = Manifest(
-        folder.name, started=iso(begin), line=LineFile(line, "line.toml", "0" * 64), stations=FACTS
+        folder.name, start=iso(begin), line=LineFile(line, "line.toml", "0" * 64), stations=FACTS
     )
     write_manifest(folder, manifest)
-    store = LiveStore(folder, seal_every_s=None)
+    store = RunJournal(folder, seal_every_s=None)
     store.start()
     GO_ON.append(Recorded(folder, manifest, store))
     return GO_ON[-1]
@@ -257,8 +257,8 @@ def test_a_run_that_cannot_be_read_is_told_and_takes_no_other_with_it(ledger: Le
     assert past.events[PLACE] == {"port.error": 1}
 
 
-@pytest.mark.parametrize("error", [sqlite3.DatabaseError("malformed"), ArrowException("odd")])
-def test_nor_does_one_whose_store_cannot_be_read(
+@pytest.mark.parametrize("error", [RecordError("malformed"), ArrowException("odd")])
+def test_nor_does_one_whose_journal_cannot_be_read(
     ledger: Ledger, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     run(ledger.out, -5).say((-4, "port.error"))

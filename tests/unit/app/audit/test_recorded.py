@@ -25,9 +25,9 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.maintenance.counter_totals.observed import Observation, Standing
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.conclude import conclude
-from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
-from jbclog.record.seal import seal_rows
+from jbclog.record.run_journal import RunJournal
+from jbclog.record.seal import seal_journal
 from jbclog.session.manual.contact import Target
 from support.virtual.audit_bench import AUDIT, MakeBench, count, wanted
 from support.virtual.manual import station_text
@@ -35,7 +35,7 @@ from support.virtual.manual import station_text
 NOW = datetime(2026, 11, 21, 6, 17, tzinfo=UTC)
 URL = "/dev/serial/by-id/usb-1"
 WANTED = SurveyTarget(AUDIT, "hall", Target("ale-7", URL, FAMILIES["ale"], LineFormat(), 1, None))
-FACTS = StationFacts("ale-1", URL, "ale", "ALE", "1.00a", ports=[1], tools={1: "T245"})
+FACTS = StationFacts("ale-1", URL, "ale", "ALE", "1.00a", ports=[1], tool_names={1: "T245"})
 
 
 def at(minutes: float) -> int:
@@ -64,12 +64,12 @@ def sample(minutes: float, **columns: object) -> list[object]:
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Iterator[LiveStore]:
+def run(tmp_path: Path) -> Iterator[RunJournal]:
     """A run in progress that knows its station and has read nothing of it."""
     folder = tmp_path / "20261121T013000Z-hall-k7qd"
     folder.mkdir()
     write_manifest(folder, Manifest(folder.name, stations=[FACTS]))
-    store = LiveStore(folder, seal_every_s=None)
+    store = RunJournal(folder, seal_every_s=None)
     store.start()
     store.facts(FACTS)
     store.commit_now()
@@ -79,7 +79,7 @@ def run(tmp_path: Path) -> Iterator[LiveStore]:
 
 
 @pytest.fixture
-def seen(run: LiveStore) -> Callable[..., Observation]:
+def seen(run: RunJournal) -> Callable[..., Observation]:
     def after(*rows: CounterRow, wanted: SurveyTarget = WANTED) -> Observation:
         for row in rows:
             run.counter(row)
@@ -90,19 +90,19 @@ def seen(run: LiveStore) -> Callable[..., Observation]:
 
 
 def test_a_run_that_is_sealed_meanwhile_still_has_its_station(
-    run: LiveStore, seen: Callable[..., Observation]
+    run: RunJournal, seen: Callable[..., Observation]
 ) -> None:
     seen(counted(9, "work_h", 412.0, "00412"))
     write_manifest(run.folder, Manifest(run.folder.name, stations=[FACTS]))
     run.close()
-    seal_rows(run.folder)
+    seal_journal(run.folder)
     conclude(run.folder, read_manifest(run.folder), run.lock)
     (count,) = observed_in(run.folder, WANTED, NOW).counts
     assert count.value == 412.0
 
 
 def test_the_newest_readings_are_taken_with_their_time(
-    run: LiveStore, seen: Callable[..., Observation]
+    run: RunJournal, seen: Callable[..., Observation]
 ) -> None:
     found = seen(
         counted(9, "work_h", 811), counted(1, "work_h", 812), counted(2, "dispensed_mm", 4.5)
@@ -119,7 +119,12 @@ def test_the_newest_readings_are_taken_with_their_time(
     ]
     assert found.time == "2026-11-21T06:16:00.000+00:00"
     assert found.identity is not None
-    assert (found.identity.family, found.identity.model, found.identity.software, found.tools) == (
+    assert (
+        found.identity.family,
+        found.identity.model,
+        found.identity.software,
+        found.tool_names,
+    ) == (
         "ale",
         "ALE",
         "1.00a",
@@ -143,7 +148,7 @@ def test_a_reading_that_failed_since_takes_nothing_from_the_one_before(
 
 
 def test_what_is_older_than_an_hour_is_not_taken_for_now(
-    run: LiveStore, seen: Callable[..., Observation]
+    run: RunJournal, seen: Callable[..., Observation]
 ) -> None:
     found = seen(counted(61, "work_h", 811))
     assert (found.seen, found.counts) == (False, ())
@@ -154,7 +159,7 @@ def test_what_is_older_than_an_hour_is_not_taken_for_now(
 
 
 def test_a_station_that_the_run_has_not_asked_yet_is_left_alone(
-    run: LiveStore, seen: Callable[..., Observation]
+    run: RunJournal, seen: Callable[..., Observation]
 ) -> None:
     run.facts(replace(FACTS, model=None))
     assert "has not asked it yet; it was not read. Audit again in a minute" in seen().why
@@ -163,7 +168,7 @@ def test_a_station_that_the_run_has_not_asked_yet_is_left_alone(
 
 
 def test_settings_errors_and_events_are_the_runs(
-    run: LiveStore, seen: Callable[..., Observation]
+    run: RunJournal, seen: Callable[..., Observation]
 ) -> None:
     for setting, port, text in (
         ("sleep_delay", 1, "5"),
@@ -211,7 +216,7 @@ def test_what_goes_wrong_with_one_station_takes_no_other_with_it(
 
 
 def test_a_run_that_began_behind_a_server_of_ports_meanwhile_has_the_station(
-    bench: MakeBench, monkeypatch: pytest.MonkeyPatch, run: LiveStore
+    bench: MakeBench, monkeypatch: pytest.MonkeyPatch, run: RunJournal
 ) -> None:
     """A server takes a second client, and no lock tells the two of each other: what was read beside
     a run is not believed.

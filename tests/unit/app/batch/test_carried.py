@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
-from jbclog.app.batch.job_dir import JobDir, JobResult, PrefixedSource, unread_serial
+import pytest
+
+from jbclog.app.batch.job_dir import (
+    EVENTS,
+    RESULT,
+    JobDir,
+    JobResult,
+    PrefixedSource,
+    unread_serial,
+)
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import open_source
@@ -17,9 +27,7 @@ def papers(folder: Path, name: str, *kinds: str, ended: float | None = None) -> 
     for number, kind in enumerate(kinds):
         made.add_event(EventRow(number, kind, Severity.INFO, "", raw=f"S{number}"))
     if ended is not None:
-        made.set_result(JobResult(0))
-        with made.store.transaction() as db:
-            db.execute("UPDATE attempt SET ended = ? WHERE name = ?", (ended, name))
+        (made.folder / RESULT).write_text(json.dumps({"exit_code": 0, "stop": ended}))
     return made
 
 
@@ -51,3 +59,18 @@ def test_it_is_the_first_that_the_next_one_reads(tmp_path: Path) -> None:
         ("unit.begin", "S42"),
         ("unit.end", "S42"),
     ]
+
+
+def test_a_serial_that_was_left_is_on_disk_before_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a power cut the next job would else miss it."""
+    job, really, synced = papers(tmp_path, "a-1", "unit.next"), os.fsync, list[str]()
+
+    def noted(descriptor: int) -> None:
+        synced.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
+        really(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    job.set_result(JobResult(0))
+    assert synced[:2] == [EVENTS, f".{RESULT}.tmp"]

@@ -24,6 +24,7 @@ from jbclog.app.run.runner import Job
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from jbclog.record.segments import segment_name
 from support.records import few_rows
 
 # not `signal.pause()`: a SIGINT just before it would only be seen after the next signal
@@ -112,7 +113,7 @@ def test_another_attempts_run_is_not_taken_for_its_own(tmp_path: Path) -> None:
 
 def test_a_run_whose_process_died_before_it_had_cleared_up_is_cleared_up(tmp_path: Path) -> None:
     papers, run = cut_off(tmp_path)
-    live = run / "live.sqlite"
+    live = run / segment_name(0)
     kept = live.read_bytes()
     recover(run)
     live.write_bytes(kept)

@@ -4,32 +4,30 @@ with what is not the same.
 
 from __future__ import annotations
 
+import errno
+import json
 import os
 import shutil
-import sqlite3
 import subprocess
 import sys
-from contextlib import ExitStack, closing
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from jbclog.app.batch import store
 from jbclog.app.batch.executor import Timing
-from jbclog.app.batch.job_dir import PAGE, JobDir, JobResult, unread_serial
+from jbclog.app.batch.job_dir import EVENTS, JobDir, JobResult, unread_serial
 from jbclog.app.batch.job_spec import BatchPlan, plan_batch
 from jbclog.app.batch.journal import Journal, begin, entries_in, home_of, newest
 from jbclog.app.batch.processes import result_of
 from jbclog.app.batch.resume import PreparedBatch, prepare
 from jbclog.app.batch.single_batch import hold
 from jbclog.app.batch.state import Entry, EntryKind, batch_state
-from jbclog.app.batch.store import NAME, BatchStore
 from jbclog.config.jobs_file import load_jobs
-from jbclog.core.database import Database
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
+from jbclog.core.line_file import PAGE
 from support.command import BENCH, PROFILES
 
 NIGHT = 1_790_000_000.0
@@ -102,195 +100,115 @@ def interrupted(bench: Bench) -> Journal:
 # -- what a crash leaves ---------------------------------------------------------------------------
 
 
-def entries(folder: Path) -> list[Entry]:
-    return entries_in(BatchStore(folder))
-
-
 def begun(home: Path, *noted: Entry) -> Journal:
-    """A batch whose executor has died: nothing of its store is closed."""
+    """A batch whose executor has died."""
     journal = begin(home, TEXT, MEANS.utc)
     for entry in noted:
         journal.note(entry)
     return journal
 
 
-def changed(folder: Path, *statements: str) -> None:
-    with closing(sqlite3.connect(folder / NAME)) as db:
-        for statement in statements:
-            db.execute(statement)
-        db.commit()
+BATCH = (Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
 
 
-def test_a_log_cut_off_anywhere_keeps_what_was_written_before(tmp_path: Path) -> None:
-    kinds = (
-        Entry("", EntryKind.BEGIN, ""),
-        replace(START, kind=EntryKind.JOB),
-        EXECUTION,
-        START,
-        END,
-        FINISH,
-    )
-    journal = begun(tmp_path, *kinds)
-    log = journal.folder / f"{NAME}-wal"
-    whole, found = log.read_bytes(), []
-    for length in [*range(0, len(whole), 997), len(whole)]:
-        copy = tmp_path / f"cut-{length}"
-        copy.mkdir()
-        shutil.copy(journal.folder / NAME, copy)
-        (copy / log.name).write_bytes(whole[:length])
-        found.append([entry.kind for entry in entries(copy)])
-    assert found[0] == []
-    assert found[-1] == [entry.kind for entry in kinds]
-    for before, after in pairwise(found):
-        assert after[: len(before)] == before
+def change_first(data: bytes) -> bytes:
+    return data.replace(b"a is started", b"b is started")
 
 
-class Killed(BaseException):
-    pass
+def take_out_first(data: bytes) -> bytes:
+    return data.partition(b"\n")[2]
 
 
-def test_killed_at_any_statement_an_entry_is_written_or_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def take_out_third(data: bytes) -> bytes:
+    lines = data.splitlines(keepends=True)
+    return b"".join([*lines[:2], *lines[3:]])
+
+
+def overwrite_middle(data: bytes) -> bytes:
+    return data[:300] + bytes(range(256)) + data[556:]
+
+
+@pytest.mark.parametrize("change", [change_first, take_out_first, take_out_third, overwrite_middle])
+def test_a_journal_that_was_changed_stops_everything(
+    tmp_path: Path, change: Callable[[bytes], bytes]
 ) -> None:
-    whole = Database.execute
-    for fatal in range(1, 20):
-        home = tmp_path / str(fatal)
-        home.mkdir()
-        journal = begun(home, EXECUTION)
-        done: list[str] = []
-
-        def execute(
-            db: Database, sql: str, values: Any = (), *, fatal: int = fatal, done: list[str] = done
-        ) -> sqlite3.Cursor:
-            done.append(sql)
-            if len(done) == fatal:
-                db.interrupt()
-                raise Killed
-            return whole(db, sql, values)
-
-        monkeypatch.setattr(Database, "execute", execute)
-        try:
-            journal.note(START)
-        except Killed:
-            is_whole = False
-        else:
-            is_whole = True
-        monkeypatch.setattr(Database, "execute", whole)
-        assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"][
-            : 1 + is_whole
-        ]
-        journal.note(END)  # its transaction was given up, and the next one is as good as ever
-        assert entries(journal.folder)[-1].kind == "end"
-        if is_whole:
-            assert fatal > 4
-            return
-    pytest.fail("it has no end")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        "UPDATE journal SET line = replace(CAST(line AS TEXT), 'a is started', 'b is started')",
-        "DELETE FROM journal WHERE number = 1",
-        "DELETE FROM journal WHERE number = 3",
-        "DROP TABLE event",
-    ],
-)
-def test_a_journal_that_was_changed_stops_everything(tmp_path: Path, change: str) -> None:
-    journal = begun(tmp_path, Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
-    changed(journal.folder, change)
-    with pytest.raises(RecordError, match="nothing was started") as raised:
+    journal = begun(tmp_path, *BATCH)
+    journal.path.write_bytes(change(journal.path.read_bytes()))
+    with pytest.raises(RecordError, match=r"journal.jsonl: line \d.*nothing was started") as raised:
         newest(tmp_path, MEANS.utc)
     assert str(journal.folder) in str(raised.value)
 
 
-def test_a_store_that_is_damaged_stops_everything(tmp_path: Path) -> None:
-    journal = begun(tmp_path, Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
-    journal.store.close()
-    path = journal.folder / NAME
-    path.write_bytes(path.read_bytes()[:4096] + bytes(range(256)) * 64)
-    with pytest.raises(RecordError, match=r"batch.sqlite cannot be read.*nothing was started"):
-        newest(tmp_path, MEANS.utc)
+def test_an_entry_that_was_cut_off_anywhere_was_not_written(tmp_path: Path) -> None:
+    journal = begun(tmp_path, *BATCH)
+    whole = journal.path.read_bytes()
+    last = whole[:-1].rindex(b"\n") + 1
+    for end in range(last, len(whole)):
+        journal.path.write_bytes(whole[:end])
+        is_whole = end == len(whole) - 1
+        assert [entry.kind for entry in entries_in(journal.folder)] == [
+            entry.kind for entry in BATCH[: 3 + is_whole]
+        ]
+        again = newest(tmp_path, MEANS.utc)
+        assert again is not None
+        again.note(FINISH)
+        assert entries_in(journal.folder)[-1].kind == "finish"
 
 
-def test_a_store_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) -> None:
-    """A million entries (256 MB) took 62 s and 1.5 GB."""
-    journal = begun(tmp_path, Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
-    journal.store.close()
-    with (journal.folder / NAME).open("r+b") as file:
-        file.truncate((64 << 20) + 1)
+def test_a_journal_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) -> None:
+    journal = begun(tmp_path, *BATCH)
+    os.truncate(journal.path, (64 << 20) + 1)
     with pytest.raises(
         RecordError, match=r"has 67108865 bytes; a batch's journal has at most 67108864"
     ):
         newest(tmp_path, MEANS.utc)
 
 
-COUNT = "WITH RECURSIVE n(i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n WHERE i < {}) "
-
-
-def test_a_log_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) -> None:
-    journal = begun(tmp_path, EXECUTION)
-    journal.store.close()
-    with (journal.folder / f"{NAME}-wal").open("wb") as file:
-        file.truncate((64 << 20) + 1)
-    with pytest.raises(RecordError, match=r"batch.sqlite-wal has 67108865 bytes"):
-        newest(tmp_path, MEANS.utc)
-
-
 def test_events_are_read_a_page_at_a_time(tmp_path: Path) -> None:
-    journal = begun(tmp_path, EXECUTION)
-    job, count = JobDir(journal.folder / "jobs" / "a-1", journal.store), 2 * PAGE + 3
+    job = JobDir(tmp_path / "jobs" / "a-1")
     os.close(job.make(b"{}"))
-    line = """[1, "unit.next", "info", "", null, null, null, null, null, null, "S' || i || '"]"""
-    changed(
-        journal.folder,
-        f"{COUNT.format(count)} INSERT INTO event (attempt, line) SELECT 'a-1', '{line}' FROM n",
+    line = json.dumps([1, "unit.next", "info", "x" * 1000, None, None, None, None, None, None])
+    count = 2 * PAGE // len(line)
+    (job.folder / EVENTS).write_text(
+        "".join(f'{line[:-1]}, "S{number}"]\n' for number in range(count))
     )
-    first, last = job.events(0)
-    assert (len(first), first[-1].raw, last) == (PAGE, f"S{PAGE}", PAGE)
-    assert [one.raw for one in job.each_event()] == [f"S{i}" for i in range(1, count + 1)]
+    first, since = job.events(0)
+    assert 0 < len(first) < count
+    assert since <= PAGE
+    assert [event.raw for event in job.each_event()] == [f"S{number}" for number in range(count)]
     job.set_result(JobResult(0))
-    assert unread_serial([job]) == f"S{count}"
+    assert unread_serial([job]) == f"S{count - 1}"
 
 
-def test_a_store_that_was_removed_takes_no_more_entries(tmp_path: Path) -> None:
+def test_a_journal_that_was_removed_takes_no_more_entries(tmp_path: Path) -> None:
     journal = begun(tmp_path, EXECUTION)
-    (journal.folder / NAME).unlink()
-    with pytest.raises(RecordError, match=r"cannot be written: it was removed; no more jobs start"):
+    journal.path.unlink()
+    with pytest.raises(RecordError, match=r"cannot be written: No such file.*; no more jobs start"):
         journal.note(START)
+    assert not journal.path.exists()
 
 
 def test_a_full_disk_takes_no_entry_and_the_next_one_follows_the_last_that_was_written(
-    tmp_path: Path,
-) -> None:
-    journal = begun(tmp_path, EXECUTION)
-    with journal.store.transaction() as db:
-        db.execute("PRAGMA max_page_count = 1")  # as many as there are
-    with pytest.raises(
-        RecordError, match=r"database or disk is full; no more jobs start\. Running jobs continue"
-    ):
-        journal.note(replace(START, text="x" * 20_000))
-    assert [job.name for job in journal.state.running()] == []
-    with journal.store.transaction() as db:
-        db.execute("PRAGMA max_page_count = 1000")
-    journal.note(START)
-    assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"]
-
-
-def test_another_process_that_writes_is_waited_for_and_then_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(store, "BUSY_S", 0.05)
-    journal = begun(tmp_path, EXECUTION)
-    journal.store.close()
-    with closing(sqlite3.connect(journal.folder / NAME, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")
-        with pytest.raises(RecordError, match="database is locked"):
+    journal, really = begun(tmp_path, EXECUTION), os.pwrite
+    room = [100]
+
+    def full(descriptor: int, data: bytes, at: int) -> int:
+        if not room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return really(descriptor, data[: room.pop()], at)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with pytest.raises(
+            RecordError,
+            match=r"No space left on device; no more jobs start\. Running jobs continue",
+        ):
             journal.note(START)
-        # readers do not wait
-        assert [entry.kind for entry in entries(journal.folder)] == ["sitting"]
-        other.execute("ROLLBACK")
+    assert [job.name for job in journal.state.running()] == []
     journal.note(START)
+    assert [entry.kind for entry in entries_in(journal.folder)] == ["sitting", "start"]
 
 
 @pytest.mark.parametrize("left", [0, 1, 2])
@@ -299,12 +217,13 @@ def test_entries_that_are_missing_show_in_the_folders_of_the_jobs(bench: Bench, 
     journal = interrupted(bench)
     (journal.folder / "jobs" / "a-1").mkdir(parents=True)
     assert newest(bench.home, MEANS.utc) is not None
-    changed(journal.folder, f"DELETE FROM journal WHERE number > {left}")
+    lines = journal.path.read_bytes().splitlines(keepends=True)
+    journal.path.write_bytes(b"".join(lines[:left]))
     with pytest.raises(
         RecordError, match=r"no entry for jobs/a-1.*entries are missing; nothing was started"
     ):
         newest(bench.home, MEANS.utc)
-    (journal.folder / NAME).unlink()
+    journal.path.unlink()
     with pytest.raises(RecordError, match="start a new batch"):
         newest(bench.home, MEANS.utc)
 
@@ -392,7 +311,7 @@ def test_a_file_that_was_changed_meanwhile_is_told_with_what_changed(
         assert "`--anew` discards it and starts a new one; or restore the jobs file" in said
         assert str(journal.folder / "jobs.toml") in said
         assert (journal.folder / "jobs.toml").read_text() == TEXT
-    assert [entry.kind for entry in entries(journal.folder)][-2:] == ["sitting", "start"]
+    assert [entry.kind for entry in entries_in(journal.folder)][-2:] == ["sitting", "start"]
 
 
 def test_comments_and_blanks_change_nothing(bench: Bench) -> None:
@@ -407,7 +326,7 @@ def test_anew_gives_up_what_there_is(bench: Bench) -> None:
     new = bench.take(anew=True)
     assert new.is_new
     assert new.journal.folder != journal.folder
-    given_up = batch_state(entries(journal.folder))
+    given_up = batch_state(entries_in(journal.folder))
     assert given_up.is_finished
     assert given_up.closing == "Batch discarded: a new one starts in its place."
 

@@ -10,13 +10,13 @@ from jbclog.app.discovery import text_of
 from jbclog.config.line import StationSpec, load_line
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.discovery.found import PortReport, StationFound, Turnaround
+from jbclog.session.discovery.scan_plan import PortReport, StationFound, Turnaround
 
 
 def report(url: str, family: str = "dde", **keys: object) -> PortReport:
     values: dict[str, object] = {
         "address": 1,
-        "tools": {1: "T245", 2: "T210"},
+        "tool_names": {1: "T245", 2: "T210"},
         "turnaround": Turnaround(1.234, 2.0, 12, 12),
     }
     values |= {"line": LineFormat(), "family": FAMILIES[family], "model": family.upper()} | keys
@@ -44,18 +44,21 @@ def test_all_that_was_found_stands_in_it(tmp_path: Path) -> None:
 
 def test_every_station_has_a_name_of_its_own(tmp_path: Path) -> None:
     found = written(
-        tmp_path, report("/dev/a"), report("/dev/b", "ale", tools={1: "T245"}), report("/dev/c")
+        tmp_path,
+        report("/dev/a"),
+        report("/dev/b", "ale", tool_names={1: "T245"}),
+        report("/dev/c"),
     )
     assert [one.name for one in found] == ["dde-1", "ale-1", "dde-2"]
 
 
 def test_ports_without_a_tool_are_left_out_because_a_run_would_refuse_them(tmp_path: Path) -> None:
-    (one,) = written(tmp_path, report("/dev/a", tools={1: "none", 2: "T245"}))
+    (one,) = written(tmp_path, report("/dev/a", tool_names={1: "none", 2: "T245"}))
     assert one.ports == (2,)
 
 
 def test_with_no_tool_anywhere_the_ports_that_answer_are_named(tmp_path: Path) -> None:
-    (one,) = written(tmp_path, report("/dev/a", tools={1: "none", 2: "none"}))
+    (one,) = written(tmp_path, report("/dev/a", tool_names={1: "none", 2: "none"}))
     assert one.ports == (1, 2)
 
 
@@ -67,7 +70,7 @@ def test_an_omega(tmp_path: Path) -> None:
         address=None,
         model=None,
         robot_mode=None,
-        tools={},
+        tool_names={},
     )
     (one,) = written(tmp_path, omega)
     assert (one.family, one.baudrate, one.address) == ("omega", 9600, None)

@@ -30,7 +30,7 @@ from jbclog.app.doctor import (
     permission_step,
 )
 from jbclog.core.errors import PortBusy
-from jbclog.session.discovery.found import ScanFinding, ScanPlan
+from jbclog.session.discovery.scan_plan import ScanFinding, ScanPlan
 from jbclog.transport.system_ports import UsbPort
 from support.command import until
 from support.links.far_ends import terminal
@@ -206,7 +206,7 @@ def test_modem_manager_is_named_with_the_rule_that_keeps_it_away(tmp_path: Path)
     for looked in (finding(machine), shared):
         assert f"process {process.pid} (ModemManager)" in looked.what
         assert 'ENV{ID_MM_PORT_IGNORE}="1"' in looked.step
-    assert shared.kind == "port.shared"
+    assert (finding(machine).kind, shared.kind) == ("port.modem_manager", "port.shared")
 
 
 def test_the_program_behind_a_pseudo_terminal_does_not_share_it() -> None:
@@ -247,4 +247,5 @@ def test_an_adapter_that_holds_answers_back(
     looked = look_at_timer("dde-1", "/dev/ttyUSB0")
     assert (looked is not None) is is_slow
     if is_slow:
-        assert finding(looked).step == f"`echo 1 | sudo tee {timer}`"
+        slow = finding(looked)
+        assert (slow.kind, slow.step) == ("port.latency", f"`echo 1 | sudo tee {timer}`")

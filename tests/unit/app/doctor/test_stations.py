@@ -9,7 +9,7 @@ import pytest
 from jbclog.app.doctor import Fine, Looked, look_at_stations
 from jbclog.config.line import parse_line
 from jbclog.core.serial_line import LineFormat
-from jbclog.session.discovery.found import ScanFinding
+from jbclog.session.discovery.scan_plan import ScanFinding
 from support.links.uart_ports import Cable, Echo, Silence, access_to, station_cable
 from support.oracles.printed_omega import PageOmega
 

@@ -35,7 +35,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> jbclog.Run:
     """The sealed and annotated run."""
     stations = [station("dde-1", (1, 2), ROWS), station("dde-2", (1,), ROWS)]
     stations[0].rated_power_w = 130.0
-    stations[0].signals = ["temperature_c", "power_permille", "status", "set_c", "alarm_high"]
+    stations[0].signals = ["temperature_c", "power_permille", "status", "setpoint_c", "alarm_high"]
     ports = [
         samples(ROWS, "dde-1", 1),
         samples(ROWS, "dde-1", 2, seed=2),

@@ -14,6 +14,7 @@ from jbclog.app.export import csv_files
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.record.manifest import manifest_sha256
 from support.lazy import duckdb
+from support.records.sealed_run import NAME
 
 from .conftest import FORMULAS
 
@@ -49,12 +50,14 @@ def test_what_was_not_read_is_empty_and_its_reason_stands_beside_it(folder: Path
     assert (lost["temperature_c"], lost["quality"]) == ("", "disconnected")
     assert "temperature_c=disconnected" in lost["reasons"]
     assert read(folder, "counters")[0] == {
+        "run": NAME,
+        "seq": "0",
         "time": "2026-09-21T14:13:21.000000Z",
         "station": "dde-1",
         "port": "",
         "counter": "plugged_min",
         "value": "",
-        "unit": "min",
+        "uom": "min",
         "raw": "<timeout>",
     }
 

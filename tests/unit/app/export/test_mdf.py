@@ -60,7 +60,7 @@ def test_asammdf_reads_values_invalidation_bits_units_and_times(
     for name, unit in (
         ("temperature_c", "°C"),
         ("power_permille", "‰"),
-        ("set_c", "°C"),
+        ("setpoint_c", "°C"),
         ("alarm_high", ""),
     ):
         found = file.get(name, group=number, ignore_invalidation_bits=True)
@@ -112,7 +112,7 @@ def test_foreign_texts_stay_on_their_line(file: asammdf.MDF, path: Path, tmp_pat
 
 def test_mdfreader_reads_the_same(tmp_path: Path) -> None:
     facts = station(rows=300)
-    facts.signals = ["temperature_c", "power_permille", "status", "set_c", "alarm_high"]
+    facts.signals = ["temperature_c", "power_permille", "status", "setpoint_c", "alarm_high"]
     columns = samples(300)
     lose(columns, slice(100, 120))
     run = jbclog.open_run(seal(tmp_path, [facts], table(columns)))
@@ -121,7 +121,7 @@ def test_mdfreader_reads_the_same(tmp_path: Path) -> None:
     assert read.get_channel_data("time") == pytest.approx(expected["tick"].to_numpy() * 0.1)
     assert read.get_channel_unit("temperature_c") == "°C"
     assert read.get_channel_master("temperature_c") == "time"
-    for name in ("temperature_c", "power_permille", "set_c", "alarm_high"):
+    for name in ("temperature_c", "power_permille", "setpoint_c", "alarm_high"):
         values = read.get_channel_data(name)
         assert (
             bits(read, name).tolist() == expected[name].isna().tolist() == np.isnan(values).tolist()

@@ -93,7 +93,8 @@ def test_more_rows_than_a_sheet_holds_continue_on_further_sheets_which_is_stated
     ]
     assert rows["samples"] == 1800
     assert read["samples"][0] == read["samples 2"][0] == read["samples 3"][0]
-    ticks = [row[1] for name in ("samples", "samples 2", "samples 3") for row in read[name][1:]]
+    place = read["samples"][0].index("tick")
+    ticks = [row[place] for name in ("samples", "samples 2", "samples 3") for row in read[name][1:]]
     assert ticks == run.samples()["tick"].tolist()
     assert any("continues on 2 further sheet(s)" in str(row[1]) for row in read["about"])
 

@@ -31,19 +31,21 @@ def terminal() -> Iterator[int]:
 def station(**changes: object) -> Station:
     """A station at work, identified after its port was opened."""
     port = SimpleNamespace(number=1, touched=True, status=WORKING, held={})
-    facts = {
-        "name": "ucr-1",
+    state = {
         "ports": {1: port},
         "stranger": None,
         "identity_at": {"model": 60.0, "software_version": 61.0},
         "is_proven": True,
         "has_ordered_status": True,
         "plugged_hours": {1: (1200, 55.0)},
-        "station": SimpleNamespace(heard=70.0),
         "facts": SimpleNamespace(family="ucr"),
-        "order": SimpleNamespace(url="/dev/ttyUSB0"),
     }
-    return SimpleNamespace(**(facts | changes))
+    return SimpleNamespace(
+        name="ucr-1",
+        order=SimpleNamespace(url="/dev/ttyUSB0"),
+        station=SimpleNamespace(heard=70.0),
+        state=SimpleNamespace(**(state | changes)),
+    )
 
 
 def made(context: Station, terminal: int, monkeypatch: pytest.MonkeyPatch) -> Identities:
@@ -96,7 +98,7 @@ def test_the_last_proof_stays_while_a_station_is_away_and_not_once_another_is_th
     found = made(context, terminal, monkeypatch)
     before = found.proofs()
     assert "ucr-1" in found
-    vars(context).update(changes)
+    vars(context.state).update(changes)
     context.station.heard = 99.0
     assert found.proofs() == (before if is_kept else [])
 

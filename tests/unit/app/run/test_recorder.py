@@ -81,8 +81,8 @@ def test_a_program_that_has_opened_a_port_is_named_at_the_station_that_still_run
     def station(url: str, outcome: StationOutcome) -> SimpleNamespace:
         return SimpleNamespace(
             order=SimpleNamespace(url=url),
-            facts=SimpleNamespace(outcome=outcome),
-            note=lambda *said: noted.append((url, *said)),
+            state=SimpleNamespace(facts=SimpleNamespace(outcome=outcome)),
+            log=SimpleNamespace(note=lambda *said: noted.append((url, *said))),
         )
 
     found = [("/dev/a", "process 7 (cat)"), ("/dev/b", "process 8 (minicom)")]

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.app.batch.job_dir import JobDir, JobProgress
-from jbclog.app.batch.journal import Journal, begin
+from jbclog.app.batch.journal import NAME, Journal, begin
 from jbclog.app.batch.single_batch import LOCK
 from jbclog.app.batch.state import Entry, EntryKind
 from jbclog.app.watch import batch_queue
@@ -44,11 +44,10 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
         Entry("", EntryKind.END, "ACCEPT", "one", 1, state="done", exit_code=0, verdict="ACCEPT")
     )
     made.note(Entry("", EntryKind.START, "", "two", 1))
-    JobDir(made.folder / "jobs" / "two-1", made.store).set_progress(
-        JobProgress(42.0, "recording", alarms=1, away=["dde-2"])
-    )
+    two = JobDir(made.folder / "jobs" / "two-1")
+    os.close(two.make(b"{}"))
+    two.set_progress(JobProgress(42.0, "recording", alarms=1, away=["dde-2"]))
     yield made
-    made.store.close()
     os.close(held)
 
 
@@ -110,10 +109,7 @@ def test_a_batch_that_was_stopped_says_so(journal: Journal, tmp_path: Path) -> N
     )
 
 
-def test_reading_leaves_the_store_as_it_is(journal: Journal, tmp_path: Path) -> None:
-    """Its owner has it open; a reader by SQLite would write into the log's index, and this one
-    opens it for reading only.
-    """
+def test_reading_leaves_the_batch_as_it_is(journal: Journal, tmp_path: Path) -> None:
     before = {
         path: (path.stat().st_mtime_ns, path.stat().st_size) for path in journal.folder.iterdir()
     }
@@ -123,10 +119,10 @@ def test_reading_leaves_the_store_as_it_is(journal: Journal, tmp_path: Path) -> 
     } == before
 
 
-def test_a_store_that_is_none_is_named(journal: Journal, tmp_path: Path) -> None:
+def test_a_journal_that_is_none_is_named(journal: Journal, tmp_path: Path) -> None:
     other = journal.folder.with_name("20991121T210000Z")
     other.mkdir()
-    (other / "batch.sqlite").write_bytes(b"no database" * 1000)
+    (other / NAME).write_bytes(b"no journal\n" * 1000)
     (queue,) = QueueFollower(tmp_path).poll()
     assert queue.text.startswith("batch night: its queue cannot be read now: ")
     assert queue == BatchQueue(queue.text)

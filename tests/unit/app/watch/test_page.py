@@ -88,7 +88,7 @@ def test_tiles_beside_each_other_have_the_same_lines(browser: Chromium) -> None:
     """Whoever looks for one value reads along a line."""
     run = live_states.run()
     first, *others = run.ports
-    long = replace(first, tool="T245/T470/TR245/TR470/T210/T115")
+    long = replace(first, tool_name="T245/T470/TR245/TR470/T210/T115")
     stations = (replace(run.stations[0], ports=(long, *others)),)
     with page(replace(run, stations=stations)) as served:
         opened = seen(browser, served)

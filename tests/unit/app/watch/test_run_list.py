@@ -68,7 +68,7 @@ def test_a_run_that_may_not_be_entered_hides_no_other(
         return exists(path)
 
     monkeypatch.setattr(Path, "exists", refused)
-    listed = {one["name"]: one["text"] for one in past_runs.past_runs(tmp_path)}
+    listed = {one["run"]: one["text"] for one in past_runs.past_runs(tmp_path)}
     assert listed.pop(RUN) != "not readable"
     assert listed == {other: "not readable"}
 

@@ -215,7 +215,7 @@ def test_the_first_message_has_everything_and_later_ones_what_is_new(served: Ser
         "normal",
     )
     assert (len(port["trace"]["seconds"]), len(again["trace"]["seconds"])) == (601, 0)
-    assert again["trace"]["begin"] is False
+    assert again["trace"]["whole"] is False
 
 
 def test_hidden_characters_stay_away(served: Served) -> None:
@@ -225,7 +225,7 @@ def test_hidden_characters_stay_away(served: Served) -> None:
 def test_no_run_and_trouble_are_messages() -> None:
     with page(None) as served:
         first = messages(served, 1)[0]
-        assert (first["run"], first["title"]) == (
+        assert (first["heading"], first["title"]) == (
             "no run in none yet; it is shown as soon as one begins",
             "NO RUN YET",
         )
@@ -234,7 +234,7 @@ def test_no_run_and_trouble_are_messages() -> None:
         served.answer = ValueError("a mistake of ours")
         assert "internal error" in str(messages(served, 3)[-1]["trouble"])
         served.answer = live_states.run()
-        assert messages(served, 3)[-1]["folder"] == "20261123T060000Z-bench-3-k7qd"
+        assert messages(served, 3)[-1]["run"] == "20261123T060000Z-bench-3-k7qd"
 
 
 def test_a_hundred_browsers_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -297,8 +297,8 @@ def test_runs_and_their_reports(tmp_path: Path) -> None:
             listed = json.loads(answer.read())
             answer.close_with.close()  # type: ignore[attr-defined]
             assert listed == [
-                {"name": going.folder.name, "text": "open", "report": False},
-                {"name": ended.folder.name, "text": "ended · ACCEPT", "report": True},
+                {"run": going.folder.name, "text": "open", "report": False},
+                {"run": ended.folder.name, "text": "ended · ACCEPT", "report": True},
             ]
             answer = asked(served, f"/runs/{ended.folder.name}")
             assert answer.read() == b"<p>the report</p>"

@@ -51,8 +51,8 @@ def test_differences_without_an_event_are_not_kept_but_made() -> None:
     assert work.difference(3) == Difference(
         port=1,
         counter="work_h",
-        begin=at(3 * DAY),
-        end=at(4 * DAY),
+        start=at(3 * DAY),
+        stop=at(4 * DAY),
         before=3012,
         after=3016,
         kind=DifferenceKind.NORMAL,

@@ -9,14 +9,17 @@ from collections.abc import Callable
 
 import pytest
 
-from jbclog.core.errors import Refusal, StationSilent
-from jbclog.core.io_requests import Steps
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.client.timing import BACK_S, NOT_ACKNOWLEDGED, restart
-from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Talk
-
-pytestmark = pytest.mark.usefixtures("way")
+from support.product import (
+    BACK_S,
+    FAMILIES,
+    NOT_ACKNOWLEDGED,
+    Refusal,
+    Station,
+    StationSilent,
+    Steps,
+    restart,
+)
 
 ORDER = FAMILIES["dde"].commands["restart"]
 ANSWERS = {"RSMN": "ASMN  DDE", "RSER": "ASER00000", "RMAT": "AMAT00500"}

@@ -6,13 +6,17 @@ from collections import Counter
 
 import pytest
 
-from jbclog.core.errors import AnswerTimeout, ImplausibleAnswer
-from jbclog.core.quantities import OFF, Value
-from jbclog.protocol.client.confirmed_reads import ANSWERS, confirmed_value, read_confirmed
-from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Talk
-
-pytestmark = pytest.mark.usefixtures("way")
+from support.product import (
+    CONFIRMING_ANSWERS,
+    FAMILIES,
+    OFF,
+    AnswerTimeout,
+    ImplausibleAnswer,
+    Value,
+    confirmed_value,
+    read_confirmed,
+)
 
 DDE = FAMILIES["dde"].commands
 LIMIT, HOURS, DELAY = DDE["alarm_high_limit"], DDE["plugged_hours"], DDE["alarm_high_delay"]
@@ -51,7 +55,7 @@ def test_answers_that_never_agree_are_no_value() -> None:
         talk("00240", "00350", "00380", "00365").do(
             lambda station: read_confirmed(station, LIMIT, 1)
         )
-    assert ANSWERS == 4
+    assert CONFIRMING_ANSWERS == 4
 
 
 def test_what_was_known_before_wants_one_answer_only() -> None:

@@ -6,19 +6,21 @@ from collections.abc import Callable
 
 import pytest
 
-from jbclog.core.errors import AnswerContradicted
-from jbclog.core.io_requests import Steps, Wait
-from jbclog.core.quantities import Value
-from jbclog.protocol.client.interface import Contradiction
-from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import FAMILIES
 from support.clients.omega_talk import OmegaTalk
 from support.clients.omega_talk import framed as omega_framed
 from support.clients.talk import Talk, framed
-
-pytestmark = pytest.mark.usefixtures("way")
+from support.product import (
+    FAMILIES,
+    AnswerContradicted,
+    Command,
+    Contradiction,
+    OmegaStation,
+    Station,
+    Steps,
+    Value,
+    Wait,
+    do,
+)
 
 DDE = FAMILIES["dde"].commands
 TIP, POWER, TRANSFORMER = DDE["tip_temperature"], DDE["power"], DDE["transformer_temperature"]
@@ -52,8 +54,8 @@ def read(command: Command, port: int | None = None) -> Callable[[Station], Steps
 
 
 def wait(seconds: float) -> Callable[[Station], Steps[None]]:
-    def steps(station: Station) -> Steps[None]:
-        station.unasked((yield Wait(station.now + seconds)))
+    async def steps(station: Station) -> None:
+        station.unasked(await do(Wait(station.now + seconds)))
 
     return steps
 

@@ -6,18 +6,23 @@ import random
 
 import pytest
 
-from jbclog.core.errors import LinkError, LinkFlooded
-from jbclog.core.io_requests import IoResult, Steps, Wait
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.interface import (
+from support.product import (
+    FLOOD_QUIET_S,
     LEAST_DUE,
     MOST_TIMES,
-    QUIET_S,
-    SUSPECT,
+    SUSPECT_BYTES,
     FloodDetector,
+    IoResult,
+    LineFormat,
+    LinkError,
+    LinkFlooded,
+    Station,
+    Steps,
+    Wait,
     expect_quiet,
+    pull,
+    send,
 )
-from jbclog.protocol.client.robot import Station
 
 
 def fed(
@@ -110,13 +115,13 @@ def test_a_long_wait_is_reckoned_by_its_length() -> None:
 
 def test_no_answer_is_believed_among_more_than_half_a_kilobyte_that_was_not_due() -> None:
     flow = FloodDetector()
-    assert not flow.came(0.0, SUSPECT, 15)
+    assert not flow.came(0.0, SUSPECT_BYTES, 15)
     assert flow.came(0.1, 1, 15)
-    assert not flow.came(0.2, 0, SUSPECT // MOST_TIMES)
+    assert not flow.came(0.2, 0, SUSPECT_BYTES // MOST_TIMES)
 
 
 @pytest.mark.parametrize(
-    ("came", "is_flooded"), [(round(MOST_TIMES * LEAST_DUE * QUIET_S), False), (100, True)]
+    ("came", "is_flooded"), [(round(MOST_TIMES * LEAST_DUE * FLOOD_QUIET_S), False), (100, True)]
 )
 def test_a_link_that_was_flooded_is_listened_to_before_anything_is_asked(
     came: int, is_flooded: bool
@@ -125,9 +130,9 @@ def test_a_link_that_was_flooded_is_listened_to_before_anything_is_asked(
     client.now = 50.0
     client.flow.is_flooded = True
     steps: Steps[None] = expect_quiet(client)
-    assert next(steps) == Wait(50.0 + QUIET_S)
+    assert pull(steps) == Wait(50.0 + FLOOD_QUIET_S)
     with pytest.raises(LinkFlooded if is_flooded else StopIteration):
-        steps.send(IoResult(50.0 + QUIET_S, bytes(came), 0.0))
+        send(steps, IoResult(50.0 + FLOOD_QUIET_S, bytes(came), 0.0))
     assert client.flow.is_flooded is is_flooded
     assert client.flow.found is None
 

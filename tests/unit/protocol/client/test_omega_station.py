@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import (
+from support.clients.omega_talk import PROMPT_S, OmegaTalk, Turn, framed
+from support.product import (
+    COMPLETION_S,
+    FAMILIES,
+    GONE_S,
+    OMEGA_ALLOWED_S,
+    WITHOUT_DIGIT,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
+    ConditionRecord,
     Ignored,
+    LineFormat,
     NotSupported,
+    OmegaStation,
     StationError,
     StationSilent,
+    Steps,
+    Value,
+    Wait,
+    client_for,
+    do,
+    note_answered,
 )
-from jbclog.core.io_requests import Steps, Wait
-from jbclog.core.quantities import Value
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.make import client_for
-from jbclog.protocol.client.omega import ALLOWED_S, COMPLETION_S, GONE_S, OmegaStation
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.omega import WITHOUT_DIGIT, ConditionRecord
-from support.clients.omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 COMMANDS = FAMILIES["omega"].commands
 A, B, F, G = (
@@ -53,8 +60,8 @@ def run(station: OmegaStation) -> Steps[None]:
 
 
 def pause(seconds: float) -> object:
-    def wait(station: OmegaStation) -> Steps[None]:
-        station.unasked((yield Wait(station.now + seconds)))
+    async def wait(station: OmegaStation) -> None:
+        station.unasked(await do(Wait(station.now + seconds)))
 
     return wait
 
@@ -106,7 +113,7 @@ def test_an_answer_in_pieces_among_garbage_is_found() -> None:
 def test_an_answer_after_the_longest_that_is_printed_is_in_time() -> None:
     """003, 11.1: 0 to 250 ms."""
     assert OmegaTalk(("A", (0.25 + 0.0115, "a0"))).do(ask_a) == "normal"
-    assert ALLOWED_S >= 0.4  # docs/reference/contradictions.md, B-47
+    assert OMEGA_ALLOWED_S >= 0.4  # docs/reference/contradictions.md, B-47
 
 
 def test_an_answer_of_another_condition_is_none() -> None:
@@ -123,7 +130,7 @@ def test_what_no_answer_can_be_is_not_believed(answer: str) -> None:
     """
     between = [] if answer in ("a4", "ax") else [("B", "b0")]
     talk = OmegaTalk(*[turn for _ in range(3) for turn in (("A", answer), *between)])
-    talk.station._answered.add("b")  # it has answered before
+    note_answered(talk.station, "b")
     assert isinstance(failure(talk, ask_a), AnswerFormat)
 
 

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import (
+from support.clients.talk import Answer, Talk, framed
+from support.golden.form import with_check_byte
+from support.product import (
+    FAMILIES,
     AnswerCorrupt,
     AnswerFormat,
     AnswerTimeout,
+    IoResult,
     ModelUnknown,
     NotReceived,
     NotSupported,
     OutOfRange,
     Refusal,
     RobotModeOff,
+    Station,
     StationError,
+    Steps,
+    Value,
 )
-from jbclog.core.io_requests import IoResult, Steps
-from jbclog.core.quantities import Value
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.family import FAMILIES
-from support.clients.talk import Answer, Talk, framed
-from support.golden.form import with_check_byte
-
-pytestmark = pytest.mark.usefixtures("way")
 
 ALE = FAMILIES["ale"].commands
 TIP, STATUS, FLAGS, SELECT = (
@@ -88,6 +87,8 @@ def test_a_line_without_addresses_takes_answers_without_addresses_only() -> None
         (framed("ATT100999", 99, 0), None, "ATT100999 from address 99, though no address is used"),
         (framed("ATT100999", None, None), 1, "ATT100999 without an address, not from address 01"),
         (framed("APP100999", 1, 0), 1, "APP100999, which is no answer to it"),
+        (framed("APP100999", 0, 1), 1, "APP100999, which is no answer to it"),
+        (framed("APP100999", None), None, "APP100999, which is no answer to it"),
     ],
 )
 def test_what_came_in_place_of_an_answer_is_named_with_its_address(

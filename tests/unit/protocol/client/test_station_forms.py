@@ -6,22 +6,23 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import (
+from support.clients.talk import Answer, Talk, framed
+from support.product import (
+    FAMILIES,
+    LEAST_S,
+    LINK_QUIET_S,
+    MOST_S,
+    OFF,
     AnswerFormat,
     NotReceived,
     NotSupported,
     Refusal,
+    Station,
     StationError,
     StationSilent,
+    Steps,
+    Value,
 )
-from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import OFF, Value
-from jbclog.protocol.client.dialogue import LEAST_S, MOST_S, QUIET_S
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.family import FAMILIES
-from support.clients.talk import Answer, Talk, framed
-
-pytestmark = pytest.mark.usefixtures("way")
 
 ALE, UCR = FAMILIES["ale"].commands, FAMILIES["ucr"].commands
 PROBE = ("RSMN", "ASMN  ALE")
@@ -191,7 +192,7 @@ def test_dispensed_cycles_under_the_other_letters_are_believed_when_said_twice()
     assert talk.station.data == "00042"
     assert talk.station.anomalies.counts == {36: 1}
     asked, probed, _ = talk.end.moments
-    assert probed - asked > QUIET_S  # the line was drained
+    assert probed - asked > LINK_QUIET_S  # the line was drained
 
 
 def test_a_repeated_answer_to_the_question_before_is_no_count_of_dispensed_cycles() -> None:
@@ -223,10 +224,10 @@ def test_a_late_answer_to_the_question_before_is_no_count_of_dispensed_cycles() 
         talk = Talk(replies=replies)
         found: list[object] = []
 
-        def steps(station: Station, found: list[object] = found) -> Steps[None]:
+        async def steps(station: Station, found: list[object] = found) -> None:
             for ask in (read_desoldered, read_dispensed, read_dispensed):
                 try:
-                    found.append((yield from ask(station)))
+                    found.append(await ask(station))
                 except StationError as error:
                     found.append(type(error))
 

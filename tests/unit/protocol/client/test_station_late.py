@@ -12,15 +12,19 @@ from collections.abc import Callable
 
 import pytest
 
-from jbclog.core.errors import LinkFlooded, StationError, StationSilent
-from jbclog.core.io_requests import Steps
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import PROMPT_S, Answer, Talk, framed, sought
-
-pytestmark = pytest.mark.usefixtures("way")
+from support.product import (
+    FAMILIES,
+    LEAST_S,
+    LINK_QUIET_S,
+    UNMEASURED_S,
+    LineFormat,
+    LinkFlooded,
+    Station,
+    StationError,
+    StationSilent,
+    least_s,
+)
 
 DDE = FAMILIES["dde"].commands
 TIP, MODEL, SELECTED = DDE["tip_temperature"], DDE["model"], DDE["selected_temperature"]
@@ -60,12 +64,12 @@ def stale_values(plant: Plant, reads: int = 8) -> list[tuple[object, int]]:
     """
     stale = []
 
-    def all_reads(station: Station) -> Steps[None]:
+    async def all_reads(station: Station) -> None:
         for _ in range(reads):
             try:
-                value = yield from station.read(TIP, 1)
+                value = await station.read(TIP, 1)
             except StationSilent:
-                yield from sought(station, MODEL)
+                await sought(station, MODEL)
             except StationError:
                 continue
             else:
@@ -117,7 +121,7 @@ def test_nothing_is_asked_before_the_line_is_quiet_again() -> None:
     talk = Talk(("RTT1", *dribble), ("RSMN", "ASMN  DDE"), ("RTT1", "ATT100183"))
     assert talk.do(lambda station: station.read(TIP, 1)) == 183
     asked, probed, _ = talk.end.moments
-    assert probed - asked >= 0.410 + QUIET_S
+    assert probed - asked >= 0.410 + LINK_QUIET_S
     assert talk.station.strays["late"] == 10
 
 
@@ -138,10 +142,10 @@ def test_a_late_answer_to_an_earlier_probe_proves_nothing() -> None:
 
     talk = Talk(replies=replies)
 
-    def reads(station: Station) -> Steps[object]:
+    async def reads(station: Station) -> object:
         with pytest.raises(StationError):
-            yield from station.read(TIP, 1)
-        return (yield from station.read(DDE["station_error"]))
+            await station.read(TIP, 1)
+        return await station.read(DDE["station_error"])
 
     value = talk.do(reads)
     assert asked["RSMN"] > 1
@@ -153,6 +157,28 @@ def test_a_silent_station_is_given_up_after_three_questions() -> None:
     with pytest.raises(StationSilent):
         talk.do(lambda station: station.read(TIP, 1))
     assert talk.end.heard == ["RTT1", "RSMN", "RSER"]
+
+
+@pytest.mark.parametrize(("is_written_to", "again_as"), [(False, 66), (True, 67)])
+def test_a_question_is_asked_again_once_64_later_ones_were_not_answered(
+    is_written_to: bool, again_as: int
+) -> None:
+    """No station queues more of them, so its answer does not come any more. Two probes follow each
+    other, and a write shifts them by one.
+    """
+    talk = Talk(replies=lambda text: [])
+
+    async def reads(station: Station) -> None:
+        for number in range(40):
+            with pytest.raises(StationError):
+                await station.read(TIP, 1)
+            if number == 0 and is_written_to:
+                with pytest.raises(StationError):
+                    await station.write(SELECTED, 350, 1)
+
+    talk.do(reads)
+    asked = [number for number, text in enumerate(talk.end.heard, 1) if text == "RTT1"]
+    assert asked == [1, again_as]
 
 
 def test_an_echo_is_no_proof_that_a_station_is_there() -> None:
@@ -186,11 +212,11 @@ def test_a_write_is_allowed_longer_and_teaches_nothing_of_reads() -> None:
     """What it is stored in may be slow (docs/reference/contradictions.md, B-13)."""
     talk = Talk(("RTT1", "ATT100183"), ("WST100360", (0.9, "AST1")), ("RTT1", "ATT100184"))
 
-    def steps(station: Station) -> Steps[float | None]:
-        yield from station.read(TIP, 1)
+    async def steps(station: Station) -> float | None:
+        await station.read(TIP, 1)
         seen = station.turnaround_s
-        yield from station.write(SELECTED, 360, 1)
-        yield from station.read(TIP, 1)
+        await station.write(SELECTED, 360, 1)
+        await station.read(TIP, 1)
         return seen
 
     assert talk.do(steps) == pytest.approx(talk.station.turnaround_s, rel=0.01)

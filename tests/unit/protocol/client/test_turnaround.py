@@ -8,19 +8,19 @@ from itertools import count
 
 import pytest
 
-from jbclog.core.io_requests import Steps
-from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.client.timing import (
+from support.clients.talk import Answer, Talk
+from support.product import (
+    FAMILIES,
     LEAST_ANSWERED,
-    LEAST_READS,
-    READS,
+    LEAST_TIMED_READS,
+    TIMED_READS,
     AnswerTime,
+    LineFormat,
     ResponseTime,
+    Station,
+    Steps,
     response_time,
 )
-from jbclog.protocol.commands.family import FAMILIES
-from support.clients.talk import Answer, Talk
 
 ANSWERS = {"RSER": "ASER00000", "RTT1": "ATT100183"}
 Measured = tuple[ResponseTime | None, int]
@@ -51,7 +51,7 @@ def measured(late_s: list[float | None], line: LineFormat | None = None) -> Resp
 def test_the_shortest_comes_first_and_the_longest_last() -> None:
     """The last is what a rate is held against where answers vary."""
     found = measured([0.04, 0.0, 0.02, 0.01])
-    assert len(found.took) == READS
+    assert len(found.took) == TIMED_READS
     assert list(found.took) == sorted(found.took)
     assert found.longest - found.took[0] == pytest.approx(40_000, abs=10_000)
     assert not found.is_faster
@@ -64,7 +64,7 @@ def test_a_line_that_is_too_bad_is_not_asked_on() -> None:
     talk = talk_with([None])
     assert talk.do(measure) == (None, 0)
     silent = len(talk.end.heard)
-    assert READS - LEAST_ANSWERED < silent < 20
+    assert TIMED_READS - LEAST_ANSWERED < silent < 20
 
 
 def test_one_in_two_is_enough() -> None:
@@ -114,10 +114,10 @@ def with_seen(late_s: list[float | None], seen_ms: list[float]) -> tuple[Measure
 
 def test_three_reads_of_the_temperature_are_enough_where_other_signals_were_read() -> None:
     (found, answered), asked = with_seen([0.01], 20 * [16.0])
-    assert asked == LEAST_READS * ["RTT1"]
-    assert answered == 20 + LEAST_READS
+    assert asked == LEAST_TIMED_READS * ["RTT1"]
+    assert answered == 20 + LEAST_TIMED_READS
     assert found is not None
-    assert len(found.took) == 20 + LEAST_READS
+    assert len(found.took) == 20 + LEAST_TIMED_READS
     assert found.median == pytest.approx(16_000, abs=100)
 
 
@@ -132,9 +132,9 @@ def test_a_station_that_takes_longer_to_measure_is_not_taken_for_a_fast_one() ->
 
 
 def test_fewer_signals_before_mean_more_reads() -> None:
-    assert with_seen([0.0], [1.0, 1.0])[1] == (READS - 2) * ["RTT1"]
-    assert with_seen([0.0], 5 * [1.0])[1] == (READS - 5) * ["RTT1"]
-    assert with_seen([0.0], LEAST_ANSWERED * [1.0])[1] == LEAST_READS * ["RTT1"]
+    assert with_seen([0.0], [1.0, 1.0])[1] == (TIMED_READS - 2) * ["RTT1"]
+    assert with_seen([0.0], 5 * [1.0])[1] == (TIMED_READS - 5) * ["RTT1"]
+    assert with_seen([0.0], LEAST_ANSWERED * [1.0])[1] == LEAST_TIMED_READS * ["RTT1"]
 
 
 def test_a_station_that_knows_none_of_the_reads_has_answered_none() -> None:
@@ -152,6 +152,6 @@ def test_one_lost_answer_brings_all_reads_back() -> None:
     """What was read before proves nothing of a link that loses answers now."""
     (found, answered), _ = with_seen([0.0, *5 * [None], *40 * [0.0]], 6 * [1.0])
     assert found is not None
-    assert LEAST_ANSWERED <= answered < READS
+    assert LEAST_ANSWERED <= answered < TIMED_READS
     assert len(found.took) == answered + 6
     assert with_seen([None], 6 * [1.0])[0][1] == 0

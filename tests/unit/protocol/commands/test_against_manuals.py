@@ -8,9 +8,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.family import FAMILIES
 from support.golden.letters import ROWS
+from support.product import FAMILIES, Command, Scope
 
 
 def _row(command: Command) -> tuple[str, str, str, str]:
@@ -108,6 +107,29 @@ def test_the_tools(names: list[str], tools: dict[int, str]) -> None:
 
 
 SOLDERING = [name for name in FAMILIES if name not in ("jtse", "omega")]
+
+
+@pytest.mark.parametrize(
+    ("names", "digits"),
+    [
+        # manual 000, 4.6; "Tool Operating Status", "Suction Status", "Motor Status" (manual 002)
+        (SOLDERING, ("0", "012", "01", "01", "0123")),
+        (["jtse"], ("0", "0", "01", "01", "01")),  # manual 001, 4.6
+    ],
+)
+def test_a_status_word_has_the_digits_that_are_printed_and_no_other(
+    names: list[str], digits: tuple[str, ...]
+) -> None:
+    for name in names:
+        status = FAMILIES[name].commands["status"].quantity
+        for place, printed in enumerate(digits):
+            for digit in "0123456789":
+                word = "0" * place + digit + "0" * (4 - place)
+                if digit in printed:
+                    assert status.decode(word) == tuple(map(int, word))
+                else:
+                    with pytest.raises(ValueError, match="no manual describes"):
+                        status.decode(word)
 
 
 @pytest.mark.parametrize("name", SOLDERING)

@@ -12,17 +12,40 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app import connection
-from jbclog.config.recipe import COMMAND_OF
-from jbclog.protocol.commands.command import Command, Effect, Scope
-from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.manual.contact import WHOLE_STATION, Contact, Place, check_place
-from jbclog.session.manual.danger import Snapshot, what_it_does
-from jbclog.session.manual.names import find, is_order, readable, shared, values_text, writable
-from jbclog.session.manual.read import ReadResult, only_by_name, read_all, read_value
-from jbclog.session.manual.values import shown, value_in, words_for
-from jbclog.session.manual.write import WriteOutcome, WriteRequest, WriteResult, write_value
 from support.campaigns.each_row import each_row
+from support.product import (
+    COMMAND_OF,
+    FAMILIES,
+    WHOLE_STATION,
+    Command,
+    Contact,
+    Effect,
+    Family,
+    Place,
+    ReadResult,
+    Scope,
+    Snapshot,
+    WriteOutcome,
+    WriteRequest,
+    WriteResult,
+    ask_station,
+    check_place,
+    find_command,
+    is_order,
+    only_by_name,
+    patch,
+    read_all,
+    read_value,
+    readable_commands,
+    shared_commands,
+    shown_value,
+    value_in,
+    values_text,
+    what_it_does,
+    words_for,
+    writable_commands,
+    write_value,
+)
 from support.virtual.manual import Bench, station_text
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
@@ -44,7 +67,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """Makes a station of a family on a wire without time, its tools cold; it has been on a
     while.
     """
-    monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
+    patch(monkeypatch, "connection.run_that_holds", lambda url: None)
     return lambda family: Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
 
 
@@ -57,7 +80,7 @@ def readings(
 ) -> list[tuple[Contact, ReadResult]]:
     found: list[tuple[Contact, ReadResult]] = []
     target = bench.target("it")
-    connection.ask(
+    ask_station(
         target,
         read_value(target, name, place, lambda contact, reading: found.append((contact, reading))),
         bench.access,
@@ -76,7 +99,7 @@ def test_it_is_read_by_name_at_every_place(family: Family, command: Command, mak
     for contact, reading in found:
         assert reading.value is not None, reading.problem
         assert reading.data
-        text = shown(reading.value, command, contact.family)
+        text = shown_value(reading.value, command, contact.family)
         assert text.strip() == text != ""
         assert (
             not command.unit
@@ -92,7 +115,7 @@ def test_all_of_it_is_read_at_once_but_what_that_would_clear(family: Family, mak
     found: list[ReadResult] = []
     bench = make(family)
     target = bench.target("it")
-    connection.ask(
+    ask_station(
         target, read_all(target, lambda contact, reading: found.append(reading)), bench.access
     )
     assert [reading.problem for reading in found if reading.value is None] == []
@@ -115,7 +138,7 @@ def test_it_is_written_by_name_once_and_read_back(
     target, written = bench.target("it"), WriteResult()
     before = len(bench.wires["it"].writes)
     change = WriteRequest(command.name, text, Place(port))
-    connection.ask(
+    ask_station(
         target, write_value(target, change, kept.append, written), bench.access, may_write=True
     )
     assert written.outcome in (WriteOutcome.CONFIRMED, WriteOutcome.SENT), written.problem
@@ -160,13 +183,13 @@ def _for_its_own_kind(bench: Bench, command: Command) -> str:
 
 @_walk(*EVERY)
 def test_its_name_is_found_and_its_values_are_told(family: Family, command: Command) -> None:
-    for kind in (readable, writable):
+    for kind in (readable_commands, writable_commands):
         if kind(command):
-            assert find(command.name, family, kind) is command
-            assert find(command.name.replace("_", " ").upper(), family, kind) is command
+            assert find_command(command.name, family, kind) is command
+            assert find_command(command.name.replace("_", " ").upper(), family, kind) is command
             assert command.name in [
                 name
-                for families, names in shared(kind)
+                for families, names in shared_commands(kind)
                 if family.name in families
                 for name in names
             ]

@@ -8,27 +8,32 @@ import re
 
 import pytest
 
-from jbclog.protocol.commands import ranges
-from jbclog.protocol.commands.decisions import DECISIONS, Decision
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.sim.omega import OMEGA_QUIRKS
-from jbclog.sim.quirks import QUIRKS
 from support.campaigns.each_row import each_row
+from support.product import (
+    FAMILIES,
+    ManualContradiction,
+    contradictions,
+    odd_form,
+    omega_quirks,
+    robot_quirks,
+    tolerated,
+)
 
 ROWS = 55
+CONTRADICTIONS = contradictions()
 UNDECIDED = {20, 33, 35, 51, 55}  # what no evidence can decide: the raw value is kept, and marked
 # what only who seeks a station meets, and nobody can tell from another's refusal
 ONLY_SOUGHT = {14}
 
-decisions = each_row((f"B-{one.number}", (one,)) for one in DECISIONS.values())
+decisions = each_row((f"B-{one.number}", (one,)) for one in CONTRADICTIONS.values())
 
 
 def test_every_row_has_a_decision() -> None:
-    assert list(DECISIONS) == [*range(1, ROWS + 1)]
+    assert list(CONTRADICTIONS) == [*range(1, ROWS + 1)]
 
 
 @decisions
-def test_a_decision_says_what_is_done_and_why(decision: Decision) -> None:
+def test_a_decision_says_what_is_done_and_why(decision: ManualContradiction) -> None:
     assert min(len(decision.title), len(decision.reason)) > 10
     assert decision.reading
     told = decision.number in UNDECIDED or (
@@ -40,31 +45,25 @@ def test_a_decision_says_what_is_done_and_why(decision: Decision) -> None:
 
 
 def test_every_quirk_belongs_to_the_row_that_names_it() -> None:
-    named = {quirk: decision.number for decision in DECISIONS.values() for quirk in decision.quirks}
-    assert named == {name: quirk.number for name, quirk in QUIRKS.items()} | OMEGA_QUIRKS
+    named = {
+        quirk: decision.number for decision in CONTRADICTIONS.values() for quirk in decision.quirks
+    }
+    assert named == robot_quirks() | omega_quirks()
 
 
 def test_what_is_taken_beside_the_recommended_form_is_told() -> None:
-    taken = {form.number for form in ranges.ODD_FORMS.values()}
-    taken |= {
-        number
-        for number, _ in (*ranges.READ_ANSWERED_AS.values(), *ranges.WRITE_ANSWERED_AS.values())
-    }
-    taken |= {*ranges.ACKNOWLEDGED_WITH_VALUE.values(), *ranges.WITHOUT_DATA.values()}
-    assert all(DECISIONS[number].met for number in taken)
+    assert all(CONTRADICTIONS[number].met for _, number in tolerated())
 
 
 def test_what_is_tolerated_are_commands() -> None:
     commands = {name for family in FAMILIES.values() for name in family.commands}
-    named = {*ranges.ODD_FORMS, *ranges.READ_ANSWERED_AS, *ranges.WRITE_ANSWERED_AS}
-    named |= {*ranges.ACKNOWLEDGED_WITH_VALUE, *ranges.WITHOUT_DATA}
-    assert named <= commands
+    assert {command for command, _ in tolerated()} <= commands
 
 
 def test_notes_of_commands_cite_rows_that_are_there() -> None:
     notes = [command.note for family in FAMILIES.values() for command in family.commands.values()]
     cited = {int(number) for note in notes for number in re.findall(r"B-(\d+)", note)}
-    assert cited <= set(DECISIONS)
+    assert cited <= set(CONTRADICTIONS)
     assert len(cited) > 10
 
 
@@ -82,4 +81,4 @@ PRINTED = [
 
 @pytest.mark.parametrize(("command", "data"), PRINTED)
 def test_what_the_manuals_print_is_not_odd(command: str, data: str) -> None:
-    assert ranges.odd_form(command, data) is None
+    assert odd_form(command, data) is None

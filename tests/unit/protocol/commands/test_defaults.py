@@ -6,11 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.quantities import OFF
-from jbclog.protocol.commands.defaults import Default, values_of
-from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.sim.virtual import MODELS
 from support.clients.converse import Pair
+from support.product import FAMILIES, MODELS, OFF, Default, Family, default_values
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 
@@ -57,7 +54,7 @@ def test_the_highest_temperature_goes_by_the_model(name: str, model: str, celsiu
     """004: "UCR245 - 450°C, UCR470 - 500°C"; 002 prints 500 for all of its stations
     (docs/reference/contradictions.md, B-31).
     """
-    assert values_of(FAMILIES[name].defaults, model)["maximum_temperature"] == celsius
+    assert default_values(FAMILIES[name].defaults, model)["maximum_temperature"] == celsius
     pair = Pair(name, sim=f'model = "{model}"')
     assert pair.read(pair.family.commands["maximum_temperature"]) == celsius
 
@@ -86,5 +83,5 @@ def _in_force(family: Family) -> list[Default]:
     """What holds for the model that a virtual station of this family tells, where the file names
     none.
     """
-    values = values_of(family.defaults, MODELS.get(family.name, family.name))
+    values = default_values(family.defaults, MODELS.get(family.name, family.name))
     return [one for one in family.defaults if one.value == values[one.command]]

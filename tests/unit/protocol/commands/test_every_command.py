@@ -16,30 +16,37 @@ from itertools import chain
 
 import pytest
 
-from jbclog.core.errors import OutOfRange
-from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import (
-    OFF,
-    AlarmDelay,
-    Choice,
-    Delay,
-    DigitWord,
-    Number,
-    Quantity,
-    Text,
-    Value,
-)
-from jbclog.protocol.client.interface import Client
-from jbclog.protocol.client.robot import Station
-from jbclog.protocol.client.timing import change_address, restart
-from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
-from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.omega import ConditionNumber, Digit, StoredCondition
-from jbclog.protocol.commands.ranges import range_problem
 from support.campaigns.each_row import each_row
 from support.clients.converse import Pair
 from support.clients.values import PORTS, as_written, codes_of, every_text, meant, values_to_write
 from support.pages.station_commands import printed_code
+from support.product import (
+    FAMILIES,
+    OFF,
+    AlarmDelay,
+    Choice,
+    Client,
+    Command,
+    ConditionNumber,
+    Delay,
+    Digit,
+    DigitWord,
+    Effect,
+    Family,
+    Limits,
+    Number,
+    OutOfRange,
+    Quantity,
+    Scope,
+    Station,
+    Steps,
+    StoredCondition,
+    Text,
+    Value,
+    change_address,
+    range_problem,
+    restart,
+)
 from support.readers.texts import ROOT
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]

@@ -8,14 +8,19 @@ import re
 
 import pytest
 
-from jbclog.core.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN
-from jbclog.protocol.commands.command import Effect
-from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS
-from jbclog.protocol.commands.family import FAMILIES, Family, family_of
-from jbclog.protocol.commands.hotair import AIR_STATUS
-from jbclog.protocol.commands.signals import ReadInterval
-from jbclog.protocol.commands.status import SOLDERING_STATUS
 from support.campaigns.each_row import each_row
+from support.product import (
+    AIR_STATUS,
+    COMMUNICATION_ERRORS,
+    FAMILIES,
+    SIGNAL_COLUMNS,
+    SIGNAL_OF_COLUMN,
+    SOLDERING_STATUS,
+    Effect,
+    Family,
+    ReadInterval,
+    family_of,
+)
 
 families = each_row((family.name, (family,)) for family in FAMILIES.values())
 

@@ -8,12 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from jbclog.core import quantities
-from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.frame import Frame
 from support.campaigns.each_row import each_row
 from support.golden import FIELDS, FRAMES, LISTED, OFF, Field, Golden, Listed, letters
+from support.product import FAMILIES, Command, Family, Frame, Scope
+from support.product import OFF as PRODUCT_OFF
 
 FAMILIES_OF = {
     "000": ("soldering",),
@@ -46,7 +44,7 @@ def _commands(one: Golden | Listed) -> list[Command]:
 
 
 def _meaning(value: object) -> object:
-    return quantities.OFF if value is OFF else value
+    return PRODUCT_OFF if value is OFF else value
 
 
 def _access(header: str, command: Command) -> bool:

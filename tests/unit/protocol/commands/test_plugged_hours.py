@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.commands.plugged_hours import can_be
+from support.product import can_be
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.family import FAMILIES
 from support.campaigns.each_row import each_row
+from support.product import FAMILIES, Command, Scope
 
 MANUAL_000 = """
 4.8.1 RSTx 4.8.2 WSTx 4.8.3 RTTx 4.8.4 RPPx 4.8.5 RPEx 4.8.6 RPSx 4.8.7 WPSx 4.8.8 RCTx 4.8.9 REDx 4.8.10 RAxy 4.8.11 WAxy

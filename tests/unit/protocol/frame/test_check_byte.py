@@ -15,8 +15,8 @@ from operator import xor
 
 import pytest
 
-from jbclog.protocol.frame import Frame, FrameReader
 from support.golden import framed, letters, with_check_byte
+from support.product import Frame, FrameReader
 
 ALL_CODES = {
     code: access for family in letters.FAMILIES for code, access in letters.codes_of(family).items()

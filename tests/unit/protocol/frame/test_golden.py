@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.frame import Frame, FrameReader
 from support.campaigns.each_row import each_row
 from support.golden import (
     FRAMES,
@@ -21,6 +20,7 @@ from support.golden import (
     manual_004,
     with_check_byte,
 )
+from support.product import Frame, FrameReader
 
 every = each_row((f"{golden.where} {golden.text}", (golden,)) for golden in FRAMES)
 

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.frame import CorruptFrame
-from jbclog.protocol.omega import OmegaReader
 from support.golden import manual_003
+from support.product import CorruptFrame, OmegaReader
 
 K12C = b"\x02\x4b\x31\x32\x43\x03\x46\x31"  # 003, 11.2, page 5: "STX 'K' '1' '2' 'C' ETX 'F' '1'"
 

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.frame import LONGEST, MOST_HELD, SHORTEST, CorruptFrame, Frame, FrameReader
 from support.campaigns.each_row import each_row
 from support.golden import FRAMES as GOLDEN
 from support.golden import wire_of, with_check_byte
+from support.product import (
+    LONGEST_FRAME,
+    MOST_HELD,
+    SHORTEST_FRAME,
+    CorruptFrame,
+    Frame,
+    FrameReader,
+)
 
 FRAMES = sorted({wire for golden in GOLDEN for wire in (golden.bare, golden.addressed)})
 every_frame = each_row((repr(wire), (wire,)) for wire in FRAMES)
@@ -98,7 +105,7 @@ def test_the_rest_of_a_frame_whose_beginning_was_missed(wire: bytes) -> None:
         b"\x02RSMN\x03\x7f",
         b"\x02RSMN\n\x03\x03",
         b"\x020100ATT1001",
-        b"\x02" + b"0" * (LONGEST + 1),
+        b"\x02" + b"0" * (LONGEST_FRAME + 1),
         b"\x02" + b"0" * 10_000,
         b"\x13\x11",
     ],
@@ -133,10 +140,10 @@ def test_a_corrupt_frame_is_told_with_all_its_bytes() -> None:
 
 
 def test_the_longest_and_the_shortest() -> None:
-    for length in (SHORTEST, LONGEST):
+    for length in (SHORTEST_FRAME, LONGEST_FRAME):
         wire = with_check_byte(b"\x02" + b"A".ljust(length, b"x") + b"\x03")
         assert [wire_of(frame) for frame in _read(wire)] == [wire]
-    for length in (SHORTEST - 1, LONGEST + 1):
+    for length in (SHORTEST_FRAME - 1, LONGEST_FRAME + 1):
         assert (
             FrameReader().feed(with_check_byte(b"\x02" + b"A".ljust(length, b"x") + b"\x03")) == []
         )
@@ -144,7 +151,7 @@ def test_the_longest_and_the_shortest() -> None:
 
 def test_what_is_held_is_bounded() -> None:
     reader = FrameReader()
-    reader.feed(b"\x02" + b"0" * LONGEST + b"\x03")
+    reader.feed(b"\x02" + b"0" * LONGEST_FRAME + b"\x03")
     assert reader.reset() == MOST_HELD
     for noise in (
         b"\x02" + b"0" * 100_000,

@@ -11,10 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.protocol.frame import MOST_HELD, CorruptFrame, Frame, FrameReader
-from jbclog.protocol.omega import MOST_HELD as MOST_HELD_OF_OMEGA
-from jbclog.protocol.omega import OmegaReader
 from support.golden import summed, wire_of, with_check_byte
+from support.product import (
+    MOST_HELD,
+    MOST_HELD_OF_OMEGA,
+    CorruptFrame,
+    Frame,
+    FrameReader,
+    OmegaReader,
+)
 
 GARBAGE_BYTES = 256
 

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.commands.command import Effect, Scope
-from jbclog.protocol.commands.family import FAMILIES, ROBOT
-from jbclog.session.discovery.probe import is_harmless, question_text
 from support.clients.talk import framed
+from support.product import FAMILIES, ROBOT_PROTOCOL, Effect, Scope, is_harmless, question_text
 
 HOST = {"source": 0, "target": 1}
 
 
 @pytest.mark.parametrize(
     "family",
-    [family for family in FAMILIES.values() if family.protocol == ROBOT],
+    [family for family in FAMILIES.values() if family.protocol == ROBOT_PROTOCOL],
     ids=lambda one: one.name,
 )
 def test_exactly_the_reads_that_change_nothing(family: object) -> None:
-    from jbclog.protocol.commands.family import Family
+    from support.product import Family
 
     assert isinstance(family, Family)
     for command in family.commands.values():

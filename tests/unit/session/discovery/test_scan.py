@@ -9,34 +9,38 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.discovery import search, text_of
-from jbclog.config.line import parse_line
-from jbclog.core.clock import VirtualClock
-from jbclog.core.errors import PortMissing
-from jbclog.core.serial_line import BAUDRATES, LineFormat
-from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import (
-    ADDRESSES,
-    THOROUGH,
-    USUAL,
+from support.clients.talk import framed
+from support.links.uart_ports import Cable, Coming, Echo, Silence, access_to, station_cable
+from support.oracles.printed_omega import PageOmega
+from support.product import (
+    ALL_ADDRESSES,
+    BAUDRATES,
+    THOROUGH_LINES,
+    USUAL_LINES,
+    LineFormat,
+    PortMissing,
     PortReport,
     ScanPlan,
     StationFound,
     Trial,
+    VirtualClock,
+    diagnose,
+    discovery_text,
+    is_harmless,
+    parse_line,
     plan_for,
+    search_ports,
 )
-from jbclog.session.discovery.probe import is_harmless
-from support.clients.talk import framed
-from support.links.uart_ports import Cable, Coming, Echo, Silence, access_to, station_cable
-from support.oracles.printed_omega import PageOmega
 
-ALL = tuple(dict.fromkeys((*ADDRESSES, *range(1, 100))))
+ALL = tuple(dict.fromkeys((*ALL_ADDRESSES, *range(1, 100))))
 
 
 def scanned(
     cable: Cable, plan: ScanPlan | None = None, clock: VirtualClock | None = None
 ) -> PortReport:
-    (report,) = search([("port", plan or ScanPlan())], access=access_to({"port": cable}, clock))
+    (report,) = search_ports(
+        [("port", plan or ScanPlan())], access=access_to({"port": cable}, clock)
+    )
     return report
 
 
@@ -76,8 +80,8 @@ def test_every_family_is_known_by_its_model(family: str, model: str, ports: list
         1,
         None,
     )
-    assert list(found.tools) == ports
-    assert "none" not in found.tools.values()
+    assert list(found.tool_names) == ports
+    assert "none" not in found.tool_names.values()
     assert found.turnaround is not None
     assert found.turnaround.median_ms == pytest.approx(2.0, abs=0.01)
     assert (found.turnaround.answered, found.turnaround.asked) == (12, 12)
@@ -118,7 +122,7 @@ def test_what_is_connected_is_named() -> None:
     found = station(
         scanned(station_cable("dde", sim='tools = { 1 = 2, 2 = 0 }\nsoftware = "8.88"'))
     )
-    assert found.tools == {1: "T245/T470/TR245/TR470", 2: "none"}
+    assert found.tool_names == {1: "T245/T470/TR245/TR470", 2: "none"}
     assert found.software == "8.88"
 
 
@@ -133,8 +137,8 @@ def test_a_thorough_scan_finds_every_line_format(baudrate: int, form: str) -> No
 
 def test_the_usual_scan_tries_the_usual_formats_in_this_order() -> None:
     # docs/reference/contradictions.md, B-1
-    assert [str(trial.line) for trial in USUAL[:3]] == ["19200 8N1", "19200 8E1", "9600 8N1"]
-    assert len({trial.line for trial in THOROUGH}) == len(THOROUGH) == 72
+    assert [str(trial.line) for trial in USUAL_LINES[:3]] == ["19200 8N1", "19200 8E1", "9600 8N1"]
+    assert len({trial.line for trial in THOROUGH_LINES}) == len(THOROUGH_LINES) == 72
 
 
 @pytest.mark.parametrize("address", [1, None, 10])
@@ -249,7 +253,7 @@ def test_a_model_that_no_table_has_is_told_and_not_driven() -> None:
     assert kinds(report) == ["station.unknown"]
     assert "'ZZQ'" in diagnose(report)[0].what
     assert report.station is not None
-    assert report.station.tools == {1: "tool_2", 2: "tool_2"}
+    assert report.station.tool_names == {1: "tool_2", 2: "tool_2"}
     assert diagnose(report)[0].step.endswith('add model = "ZZQ"')
     assert "name its family" in diagnose(report)[0].step
 
@@ -257,7 +261,7 @@ def test_a_model_that_no_table_has_is_told_and_not_driven() -> None:
 def test_the_line_file_proposes_the_key_for_it_as_comments(tmp_path: Path) -> None:
     found = scanned(station_cable("dde"))
     unknown = replace(scanned(station_cable("dde", sim='model = "ZZQ"')), url="/dev/ttyUSB7")
-    text = text_of([found, unknown], tmp_path / "line.toml")
+    text = discovery_text([found, unknown], tmp_path / "line.toml")
     assert text is not None
     assert [station.family for station in parse_line(text, tmp_path / "line.toml").stations] == [
         "dde"
@@ -268,7 +272,7 @@ def test_the_line_file_proposes_the_key_for_it_as_comments(tmp_path: Path) -> No
     )
     (station,) = parse_line(f'[line]\nname = "x"\n{proposed}', tmp_path / "line.toml").stations
     assert (station.model, station.url, station.ports) == ("ZZQ", "/dev/ttyUSB7", (1, 2))
-    alone = text_of([unknown], tmp_path / "line.toml")
+    alone = discovery_text([unknown], tmp_path / "line.toml")
     assert alone is not None
     assert alone.endswith(text.partition("# Model ZZQ")[2])
 
@@ -289,7 +293,7 @@ def test_something_else_that_speaks_is_shown_with_its_bytes() -> None:
 def test_nobody() -> None:
     report = scanned(Cable(Silence(), LineFormat()))
     assert kinds(report) == ["line.silent"]
-    assert report.tried == [trial.line for trial in USUAL]
+    assert report.tried == [trial.line for trial in USUAL_LINES]
     assert "12 line formats" in diagnose(report)[0].what
     step = diagnose(report)[0].step
     assert step.startswith("check that the station is on and that Robot mode is on in its menu")
@@ -298,12 +302,12 @@ def test_nobody() -> None:
         " --addresses 1-99`"
     )
     assert "RJ12" not in step
-    assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 2  # OMEGA's A
+    assert sum(report.sent.values()) == len(USUAL_LINES) * len(ALL_ADDRESSES) + 2  # OMEGA's A
     assert report.seconds <= ScanPlan().seconds
 
 
 def test_no_port() -> None:
-    (report,) = search([("elsewhere", ScanPlan())], access=access_to({}))
+    (report,) = search_ports([("elsewhere", ScanPlan())], access=access_to({}))
     assert isinstance(report.broken, PortMissing)
     assert kinds(report) == ["port.missing"]
     assert diagnose(report)[0].what == "no such port"
@@ -316,7 +320,7 @@ def test_a_cable_that_is_pulled_meanwhile() -> None:
     cable.breaks_at = clock.monotonic() + 2.0
     report = scanned(cable, clock=clock)
     assert kinds(report) == ["port.broken"]
-    assert report.tried == [trial.line for trial in USUAL[:3]]
+    assert report.tried == [trial.line for trial in USUAL_LINES[:3]]
 
 
 def test_a_cable_that_is_pulled_while_the_station_is_asked_who_it_is() -> None:
@@ -345,15 +349,15 @@ def test_a_station_that_falls_silent_is_told_as_that() -> None:
 
 def test_the_time_is_bounded_and_what_was_not_tried_is_said() -> None:
     report = scanned(Cable(Silence(), LineFormat()), ScanPlan(limit_s=2.0))
-    assert report.seconds < 2.0 + USUAL[0].seconds(ADDRESSES)
-    assert report.tried + report.untried == [trial.line for trial in USUAL]
+    assert report.seconds < 2.0 + USUAL_LINES[0].seconds(ALL_ADDRESSES)
+    assert report.tried + report.untried == [trial.line for trial in USUAL_LINES]
     assert report.untried
     assert kinds(report) == ["scan.cut"]
     assert diagnose(report)[0].step == "give it more time: `jbclog scan port` without --seconds"
 
 
 def test_more_time_is_asked_for_with_all_that_was_asked_for() -> None:
-    plan = plan_for("port", thorough=True, addresses=(*ADDRESSES, 2, 5, 6, 7), limit_s=2.0)
+    plan = plan_for("port", thorough=True, addresses=(*ALL_ADDRESSES, 2, 5, 6, 7), limit_s=2.0)
     report = scanned(Cable(Silence(), LineFormat()), plan)
     assert (
         diagnose(report)[0].step
@@ -377,19 +381,21 @@ def test_a_format_or_address_that_was_not_tried_comes_before_the_wires(keys: str
 
 def test_the_wires_are_the_last_step() -> None:
     silent = PortReport(
-        "port", tried=[trial.line for trial in THOROUGH], asked=(*ADDRESSES, *range(1, 100))
+        "port",
+        tried=[trial.line for trial in THOROUGH_LINES],
+        asked=(*ALL_ADDRESSES, *range(1, 100)),
     )
     assert diagnose(silent)[0].step.endswith(
         "exchange transmit and receive in the cable (RJ12: pins 3 and 4)"
     )
-    assert "--thorough" in diagnose(replace(silent, asked=ADDRESSES))[0].step
+    assert "--thorough" in diagnose(replace(silent, asked=ALL_ADDRESSES))[0].step
     assert "--thorough" in diagnose(replace(silent, tried=silent.tried[:12]))[0].step
 
 
 def test_behind_a_server_only_the_addresses_are_left_to_try() -> None:
     silent = PortReport("socket://host:1", tried=[LineFormat()])
     assert diagnose(silent)[0].step.endswith("`jbclog scan socket://host:1 --addresses 1-99`")
-    assert diagnose(replace(silent, asked=(*ADDRESSES, *range(1, 100))))[0].step.endswith(
+    assert diagnose(replace(silent, asked=(*ALL_ADDRESSES, *range(1, 100))))[0].step.endswith(
         "(RJ12: pins 3 and 4)"
     )
 
@@ -416,7 +422,9 @@ def test_a_frame_from_an_address_that_was_not_asked_names_it_and_the_option(
 def test_the_option_that_is_named_finds_it() -> None:
     cable = station_cable("dde", "address = 99")
     assert (
-        station(scanned(cable, plan_for("port", addresses=(*ADDRESSES, 99), limit_s=None))).address
+        station(
+            scanned(cable, plan_for("port", addresses=(*ALL_ADDRESSES, 99), limit_s=None))
+        ).address
         == 99
     )
 
@@ -424,7 +432,8 @@ def test_the_option_that_is_named_finds_it() -> None:
 def test_a_frame_from_an_address_that_was_asked_is_none_that_says_its_model() -> None:
     speaks = framed("ASER00000", 20)
     report = scanned(
-        Cable(Silence(), LineFormat(), speaks=(2.0, speaks)), ScanPlan(addresses=(*ADDRESSES, 20))
+        Cable(Silence(), LineFormat(), speaks=(2.0, speaks)),
+        ScanPlan(addresses=(*ALL_ADDRESSES, 20)),
     )
     (found,) = diagnose(report)
     assert (found.kind, found.step) == (
@@ -464,7 +473,7 @@ def test_a_line_full_of_noise_takes_no_longer() -> None:
     report = scanned(
         Cable(Silence(), LineFormat(115200), speaks=(0.003, b"\x02\x8f\x15")), ScanPlan(limit_s=5.0)
     )
-    assert report.seconds < 5.0 + max(trial.seconds(ADDRESSES) for trial in USUAL)
+    assert report.seconds < 5.0 + max(trial.seconds(ALL_ADDRESSES) for trial in USUAL_LINES)
 
 
 def test_a_thorough_scan_with_all_addresses_ends_too() -> None:
@@ -499,4 +508,4 @@ def test_a_trial_says_how_long_it_takes() -> None:
     trial = Trial(LineFormat(1200), asks_omega=True, listens_s=1.0)
     report = scanned(cable, ScanPlan((trial,)))
     # OMEGA's answer at 1200, which it does not speak
-    assert report.seconds <= trial.seconds(ADDRESSES) + 0.3
+    assert report.seconds <= trial.seconds(ALL_ADDRESSES) + 0.3

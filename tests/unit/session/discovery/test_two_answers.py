@@ -7,21 +7,28 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app import discovery
-from jbclog.app.doctor import Fine, look_at_stations
-from jbclog.config.line import load_line, parse_line
-from jbclog.core.serial_line import LineFormat
-from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
 from support.clients.talk import framed
 from support.invoked import invoked
 from support.links.uart_ports import Cable, Coming, FarEnd, access_to, says, station_cable
+from support.product import (
+    LEARNING_S,
+    Fine,
+    LineFormat,
+    PortReport,
+    ScanPlan,
+    StationFound,
+    diagnose,
+    load_line,
+    look_at_stations,
+    parse_line,
+    search_ports,
+)
 
 OTHERWISE = {"SMN": "  EEE", "SVR": "9.99", "SER": "00005", "CT2": "00000", "CT1": "00004"}
 
 
 def scanned(cable: Cable) -> PortReport:
-    (report,) = discovery.search([("port", ScanPlan())], access=access_to({"port": cable}))
+    (report,) = search_ports([("port", ScanPlan())], access=access_to({"port": cable}))
     return report
 
 
@@ -42,7 +49,7 @@ def test_one_answer_changes_nothing_of_what_is_found(code: str, before: int) -> 
         true.software,
         true.error,
     )
-    assert found.tools == true.tools
+    assert found.tool_names == true.tool_names
     assert found.is_drivable
 
 
@@ -76,7 +83,7 @@ def test_what_two_answers_say_is_found() -> None:
     says(cable, "CT2", "00000", "00000")
     found = station(scanned(cable))
     assert found.error is not None
-    assert found.tools[2] == "none"
+    assert found.tool_names[2] == "none"
 
 
 class Misaddressed:

@@ -8,16 +8,17 @@ from typing import Any
 
 import pytest
 
-from jbclog.core.errors import LinkError, LinkFlooded
-from jbclog.core.rows import Severity
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.link_loss import (
+from support.product import (
+    FAMILIES,
     FIRST_AFTER_FLOOD_S,
     FIRST_SEEK_S,
     FORGOTTEN_S,
     HOT_C,
     LONGEST_AFTER_FLOOD_S,
     LONGEST_SEEK_S,
+    LinkError,
+    LinkFlooded,
+    Severity,
     first_pause_s,
     next_pause_s,
     note_flood_over,

@@ -4,28 +4,47 @@ is heated by it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from random import Random
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from jbclog.core.errors import AnswerTimeout, LinkError
-from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
-from jbclog.core.states import SafetyResult
-from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
-from jbclog.session.safety import cooling
-from jbclog.session.safety.secure import ALLOWED_S, secure
-from jbclog.session.safety.time_budget import TimeBudget, in_time
-from jbclog.session.safety.tools import SafetyTask
-from jbclog.sim.hotair import AirModel
-from jbclog.sim.port import SLEEP, WORKING, SimPort
-from jbclog.sim.virtual import VirtualStation
 from support.campaigns.each_row import each_row
 from support.clients.making_safe import ASKED_AT, Cable, FloodedCable, Silent, station, task
 from support.clients.talk import framed
 from support.golden.form import with_check_byte
+from support.product import (
+    EXTRACTOR,
+    SECURE_ALLOWED_S,
+    SIM_SLEEP,
+    SIM_WORKING,
+    STAND,
+    AirModel,
+    AnswerTimeout,
+    Ask,
+    HeatReading,
+    IoResult,
+    LinkError,
+    Listen,
+    SafetyResult,
+    SafetyTask,
+    SimPort,
+    StatusWord,
+    TimeBudget,
+    VirtualStation,
+    Wait,
+    do,
+    heat_falls,
+    in_time,
+    patch,
+    pull,
+    secure,
+    send,
+    throw,
+    tool_is_cold,
+)
 
 
 def written(device: VirtualStation) -> list[object]:
@@ -120,7 +139,7 @@ def test_a_port_that_does_not_open_takes_no_longer() -> None:
     made = task(1, 2)
     cable = Cable(Silent(), is_out=True)
     cable.pull(secure(made))
-    assert cable.now - ASKED_AT <= ALLOWED_S + 1e-9
+    assert cable.now - ASKED_AT <= SECURE_ALLOWED_S + 1e-9
     assert [tool.reached for tool in made.tools] == [SafetyResult.FAILED, SafetyResult.FAILED]
 
 
@@ -137,7 +156,7 @@ def test_a_port_that_takes_long_to_open_leaves_the_time_to_identify_and_order(fe
 
     cable = Cable(device, opens=opening)
     cable.pull(secure(made))
-    assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
+    assert (made.is_done, cable.now - ASKED_AT <= SECURE_ALLOWED_S) == (True, True)
     assert written(device) == [STAND]
 
 
@@ -169,35 +188,35 @@ def test_a_step_has_its_share_or_what_its_answers_take(
 def test_what_is_over_neither_waits_nor_asks() -> None:
     given: list[object] = []
 
-    def steps() -> Steps[str]:
+    async def steps() -> str:
         for request in (Ask(b"?", 5.0), Listen(20.0), Wait(30.0)):
-            given.append((yield request))
+            given.append(await do(request))
         try:
-            yield Ask(b"more", 1.0)
+            await do(Ask(b"more", 1.0))
         except AnswerTimeout as error:
             return str(error)
         return "asked"
 
     pulled = in_time(steps(), 10.0, 12.0)
-    assert next(pulled) == Ask(b"?", 2.0)
-    assert pulled.send(IoResult(11.0, b"", 10.0)) == Listen(12.0)
-    assert pulled.send(IoResult(11.5, b"", 10.0)) == Wait(12.0)
+    assert pull(pulled) == Ask(b"?", 2.0)
+    assert send(pulled, IoResult(11.0, b"", 10.0)) == Listen(12.0)
+    assert send(pulled, IoResult(11.5, b"", 10.0)) == Wait(12.0)
     with pytest.raises(StopIteration, match="no time is left to ask"):
-        pulled.send(IoResult(12.0, b"", 10.0))
+        send(pulled, IoResult(12.0, b"", 10.0))
     assert len(given) == 3
 
 
 def test_what_a_driver_throws_reaches_the_steps_and_what_they_raise_comes_out() -> None:
-    def steps() -> Steps[None]:
+    async def steps() -> None:
         try:
-            yield Wait(1.0)
+            await do(Wait(1.0))
         except LinkError:
             raise AnswerTimeout("seen") from None
 
     pulled = in_time(steps(), 0.0, 2.0)
-    next(pulled)
+    pull(pulled)
     with pytest.raises(AnswerTimeout, match="seen"):
-        pulled.throw(LinkError("gone"))
+        throw(pulled, LinkError("gone"))
 
 
 @pytest.mark.parametrize("ports", [(1,), (1, 2, 3, 4)], ids=len)
@@ -215,7 +234,7 @@ def test_what_blocks_an_order_for_a_while_is_waited_for(ports: tuple[int, ...]) 
 
     cable = Cable(Blocked(device, lambda: False))
     cable.pull(secure(made))
-    assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
+    assert (made.is_done, cable.now - ASKED_AT <= SECURE_ALLOWED_S) == (True, True)
     assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == set(
         ports
     )
@@ -241,7 +260,7 @@ def test_of_a_silent_station_only_one_tool_is_looked_at_before_all_are_ordered()
 def in_extractor(family: str, seconds: float, *ports: int) -> VirtualStation:
     device = station(family, ports)
     for number in ports:
-        device.plant.ports[number].order(WORKING, True)
+        device.plant.ports[number].order(SIM_WORKING, True)
     device.advance_to(ASKED_AT + seconds)
     return device
 
@@ -277,13 +296,12 @@ def test_a_tool_is_cold_where_both_answers_of_both_readings_say_so(
     is_cold: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def read(*_: object) -> Iterator[object]:
-        return cooling._Heat(celsius, permille)
-        yield
+    async def read(*_: object) -> object:
+        return HeatReading(celsius, permille)
 
-    monkeypatch.setattr(cooling, "_heat", read)
+    patch(monkeypatch, "cooling._heat", read)
     with pytest.raises(StopIteration) as end:
-        next(cooling.is_cold(None, None))  # type: ignore[arg-type]  # what they are is read by `_heat` alone
+        pull(tool_is_cold(None, None))  # type: ignore[arg-type]  # what they are is read by `_heat` alone
     assert end.value.value is is_cold
 
 
@@ -324,7 +342,7 @@ def held_hot(device: VirtualStation, *ports: int) -> None:
 
 def test_one_that_is_held_hot_in_it_is_told_to_stand() -> None:
     device, made = station("dde", (1,), "extractor_cools = false"), task(1, spare=True)
-    device.plant.ports[1].order(WORKING, True)
+    device.plant.ports[1].order(SIM_WORKING, True)
     device.advance_to(ASKED_AT + 60)
     Cable(device, now=ASKED_AT + 60).pull(secure(made))
     assert written(device) == [STAND]
@@ -414,7 +432,7 @@ def test_each_of_four_that_is_read_back_and_heats_on_is_told_to_stand_within_thr
     device.advance_to(ASKED_AT)
     held_hot(device, *hot)
     made, seconds = put_in_extractor(device, *FOUR)
-    assert (made.is_done, seconds <= ALLOWED_S) == (True, True)
+    assert (made.is_done, seconds <= SECURE_ALLOWED_S) == (True, True)
     for port in hot:
         assert told_words(device, port) == [EXTRACTOR, STAND]
     if turnaround_ms < 50:  # then there is time to see that the others cool
@@ -452,7 +470,7 @@ def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
         if not extractor:
             order(port, state, extractor)
 
-    monkeypatch.setattr(SimPort, "order", ignore)
+    patch(monkeypatch, "SimPort.order", ignore)
     made, seconds = put_in_extractor(device, *FOUR)
     assert [told_words(device, port)[-1] for port in FOUR] == [STAND] * 4
     assert {tool.fell_back for tool in made.tools} == {
@@ -478,7 +496,7 @@ def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
 def test_a_tool_cools_where_all_answers_say_so(
     before: tuple[tuple[int, ...], ...], after: tuple[tuple[int, ...], ...], cools: bool
 ) -> None:
-    assert cooling._cools(cooling._Heat(*before), cooling._Heat(*after)) is cools
+    assert heat_falls(HeatReading(*before), HeatReading(*after)) is cools
 
 
 def test_a_falling_tip_whose_heater_works_against_it_does_not_cool() -> None:
@@ -526,7 +544,7 @@ def test_a_tool_whose_answers_are_lost_is_told_to_stand_all_the_same(only: str) 
     """Nobody can see that it cools, or that the order was taken."""
     device = station("dme", FOUR, f"[[station.sim.fault]]\nkind = 'silence'\nonly = '{only}'")
     made, seconds = put_in_extractor(device, *FOUR)
-    assert seconds <= ALLOWED_S + 1e-9
+    assert seconds <= SECURE_ALLOWED_S + 1e-9
     if only == "read":
         assert {told_words(device, port)[-1] for port in FOUR} == {STAND}
     else:  # an acknowledgement is not needed where it is read back, and watched
@@ -541,7 +559,7 @@ def test_whatever_is_lost_no_tool_that_heats_on_counts_as_safe(share: float, see
     asked: list[str] = []
     lossy = Cable(Lossy(device, lambda: random.random() < share), before=asked.append)
     lossy.pull(secure(made))
-    assert lossy.now - ASKED_AT <= ALLOWED_S + 1e-9
+    assert lossy.now - ASKED_AT <= SECURE_ALLOWED_S + 1e-9
     for tool in made.tools:
         orders = [text for text in asked if text.startswith(f"WPS{tool.port}")]
         # and once told to stand it is never told to extract again
@@ -582,7 +600,7 @@ def test_after_a_slow_answer_what_is_lost_keeps_no_tool_hot(lost: tuple[str, ...
     cable = Cable(LosesEach(device, lambda: False))
     cable.pull(secure(made))
     assert made.is_done
-    assert cable.now - ASKED_AT <= ALLOWED_S + 1e-9
+    assert cable.now - ASKED_AT <= SECURE_ALLOWED_S + 1e-9
     assert {told_words(device, port)[-1] for port in FOUR} == {STAND}
 
 
@@ -684,7 +702,7 @@ def test_a_silent_station_is_told_the_plain_words_too_within_the_time() -> None:
     assert orders == ["WPS100110", "WPS100010", "WPS100000"]
     # the part is not let go at the first loss
     assert [text for text in asked if text.startswith("WPS")].count("WPS100110") >= 2
-    assert cable.now - ASKED_AT <= ALLOWED_S + 1e-9
+    assert cable.now - ASKED_AT <= SECURE_ALLOWED_S + 1e-9
 
 
 # -- what a file from elsewhere asks for -----------------------------------------------------------
@@ -733,7 +751,7 @@ def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(
     assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {1, 2}
     assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
     assert made.flood is not None
-    assert cable.now - ASKED_AT < ALLOWED_S + 1.5
+    assert cable.now - ASKED_AT < SECURE_ALLOWED_S + 1.5
 
 
 @pytest.mark.parametrize("is_proven", [True, False])
@@ -818,8 +836,8 @@ def test_what_was_read_back_before_a_flood_is_not_believed_any_more(
 ) -> None:
     device, made = station(), task(1, 2, spare=spare)
     if spare:
-        device.plant.ports[1].order(SLEEP, False)
-        device.plant.ports[2].order(SLEEP, False)
+        device.plant.ports[1].order(SIM_SLEEP, False)
+        device.plant.ports[2].order(SIM_SLEEP, False)
     cable = FloodedCable(device, b"\xaa")
     cable.begin_at(ASKED_AT + 99.0)
     begun: list[float] = []

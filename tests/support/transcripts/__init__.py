@@ -1,0 +1,1 @@
+"""What the transcripts of the commands are played on."""
